@@ -95,10 +95,8 @@ def block(solid: np.ndarray, *, cells: int = 1) -> Mesh:
                 if filled[tuple(cell + (2 * side - 1) * step)]:
                     continue
                 corner = cell + side * step
-                ring = [
-                    ids.setdefault(tuple(p), len(ids))
-                    for p in (corner, corner + u, corner + u + v, corner + v)
-                ]
+                places = (corner, corner + u, corner + u + v, corner + v)
+                ring = [ids.setdefault(tuple(p), len(ids)) for p in places]
                 a, b, c, d = ring if side else ring[::-1]
                 faces += [(a, b, c), (a, c, d)]
     return Mesh(np.array(list(ids), dtype=float) / cells, np.array(faces))
@@ -225,9 +223,8 @@ def moved_parts(V: np.ndarray, *parts, weights=np.inf, rotations=None, **more) -
     """
     index = [np.arange(len(V))[vertices] for vertices, _ in parts]
     group = np.repeat(np.arange(len(parts)), [len(own) for own in index])
-    target = [
-        move(V[own]) if callable(move) else V[own] + move for own, (_, move) in zip(index, parts, strict=True)
-    ]
+    pairs = zip(index, parts, strict=True)
+    target = [move(V[own]) if callable(move) else V[own] + move for own, (_, move) in pairs]
     more = {"group": group, "weight": np.broadcast_to(weights, len(parts))[group], **more}
     if rotations is not None:
         more["rotation"] = np.array([np.full((3, 3), np.nan) if R is None else R for R in rotations])[group]

@@ -5,9 +5,8 @@ from collections import Counter
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-SOURCES = [
-    path for name in ("sshade", "baselines", "defaust", "eval") for path in (ROOT / name).rglob("*.py")
-]
+OURS = ("sshade", "baselines", "defaust", "eval")
+SOURCES = [path for name in OURS for path in (ROOT / name).rglob("*.py")]
 
 
 def test_no_class_name_occurs_twice():

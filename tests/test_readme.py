@@ -23,16 +23,9 @@ from eval.rows.splits import HELD_OUT, read_splits, split_of
 from tests.robustness.case import run
 
 ROOT = Path(__file__).parents[1]
+NAMES = ["README.md", "docs/start.md", "docs/tracks.md", "results/README.md", "Makefile", "pyproject.toml"]
 README, START, LIST, RESULTS, MAKEFILE, PROJECT = (
-    (ROOT / name).read_text(encoding="utf-8")
-    for name in (
-        "README.md",
-        "docs/start.md",
-        "docs/tracks.md",
-        "results/README.md",
-        "Makefile",
-        "pyproject.toml",
-    )
+    (ROOT / name).read_text(encoding="utf-8") for name in NAMES
 )
 PAGES = (README, START)
 EXTRAS = {*tomllib.loads(PROJECT)["project"]["optional-dependencies"]}

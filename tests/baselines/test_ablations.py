@@ -5,13 +5,8 @@ import numpy as np
 import pytest
 from scipy.sparse.csgraph import dijkstra
 
-from baselines.ablations.replaced import (
-    FAR,
-    cross_part,
-    paper_with,
-    project_to_surface,
-    sample_nearest_to_handles,
-)
+from baselines.ablations import replaced
+from baselines.ablations.replaced import FAR, cross_part, paper_with, project_to_surface
 from sshade import Handles, deform
 from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.rigid import rigid_motion
@@ -67,7 +62,7 @@ def test_the_sample_of_a_handles_region_gets_its_motion_and_a_mean_of_several(bo
     result = sample_proxy(body, 40, seed=(2, 0))
     index = np.flatnonzero(np.isin(result.cell, [3, 4]))
     regions = HandleRegions(body, Handles(index, body.V[index]), vertices=40, graph=vertex_graph(body))
-    _, place = sample_nearest_to_handles(body, regions, (2, 0))
+    _, place = replaced.sample_nearest_to_handles(body, regions, (2, 0))
     target = np.random.default_rng(0).normal(size=(len(index), 3))
     handles = place(Handles(index, target))
     assert handles.index.tolist() == [3, 4]

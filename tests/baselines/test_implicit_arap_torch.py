@@ -37,12 +37,19 @@ def test_euler_angles_compose_x_then_y_then_z():
 def test_fitted_network_approaches_the_distance():
     sphere = icosphere(3)
     surface = ImplicitSurface.of(0.7 * sphere.V, sphere.F, device=CPU)
-    settings = {"width": 32, "layers": 4, "frequencies": 2, "points": 256, "learning_rate": 1e-3}
+    settings = {
+        "width": 32,
+        "layers": 4,
+        "frequencies": 2,
+        "points": 256,
+        "learning_rate": 1e-3,
+        "progress": silent,
+    }
     x = 0.7 * torch.nn.functional.normalize(torch.rand(300, 3, generator=generator(1)) - 0.5, dim=-1)
 
     def off_surface(steps):
         sdf, loss = fit_network_sdf(
-            surface, steps=steps, generator=generator(), weights=generator(), progress=silent, **settings
+            surface, steps=steps, generator=generator(), weights=generator(), **settings
         )
         assert np.isfinite(loss)
         return sdf, sdf(x).abs().mean()

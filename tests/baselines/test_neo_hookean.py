@@ -15,10 +15,10 @@ def elasticity():
     mesh = bumpy(1)
     made = coarse_tetrahedra(mesh, samples=10**6, edge=0.3)
     carry = made.carry[held_ends(mesh).handles.index]
-    problem = Elasticity(
-        made, carry, _simkit(), centre=np.zeros(3), scale=mesh.diagonal, poisson=0.4, weight=100.0
+    made_of = Elasticity(
+        made, carry, _simkit(), centre=np.zeros(3), scale=mesh.diagonal, poisson=0.4, weight=1e2
     )
-    return problem, made.V / mesh.diagonal
+    return made_of, made.V / mesh.diagonal
 
 
 def test_the_elastic_derivatives_are_those_of_the_energy():

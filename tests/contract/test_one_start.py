@@ -29,10 +29,8 @@ def half_turn(tmp_path_factory):
     mesh = Mesh(*read_arrays(folder / "rest.ply"))
     lean = Rotation.from_euler("xy", [180, 20], degrees=True).as_matrix()
     ends = end_handles(mesh.V, turn=lean, shift=[0, 0, 0])
-    held = ~ends.dynamic
-    target = np.where(
-        held[:, None], mesh.V[ends.index] @ Rotation.from_euler("x", np.pi).as_matrix().T, ends.target
-    )
+    half, held = Rotation.from_euler("x", np.pi).as_matrix().T, ~ends.dynamic
+    target = np.where(held[:, None], mesh.V[ends.index] @ half, ends.target)
     write_handles(folder / "pose.json", Handles(ends.index, target, group=ends.group))
     return DeformationTask("half turn", mesh, read_handles(folder / "pose.json", mesh)), folder
 
@@ -52,9 +50,7 @@ def test_every_entry_starts_a_method_alike(name, half_turn):
         bound = Deformer(task.mesh, task.handles.index, group=task.handles.group, **options)
         found["Deformer"] = bound.step(task.handles.target).vertices
     if in_editor:
-        session = edited(
-            str(folder / "rest.ply"), begin=str(folder / "pose.json"), method=options.get("method", "fast")
-        )
+        session = edited(files[0], begin=files[1], method=options.get("method", "fast"))
         session.settle()
         found["editor"] = session.shown
     for entry, V in found.items():

@@ -88,10 +88,7 @@ def test_a_killed_build_is_resumed(finished, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize(
     "damage",
-    [
-        lambda out: flip_a_byte(out / "subject_00/rest.ply"),
-        lambda out: (out / "README.md").unlink(),
-    ],
+    [lambda out: flip_a_byte(out / "subject_00/rest.ply"), lambda out: (out / "README.md").unlink()],
     ids=["a byte", "the card"],
 )
 def test_a_rerun_restores_what_is_missing(finished, dataset, damage):

@@ -11,9 +11,7 @@ from sshade.core.threads import available_cpus
 from tests.shapes import subdivided
 
 
-@pytest.mark.skipif(
-    not hasattr(os, "sched_setaffinity") or available_cpus() < 2, reason="it takes two cores to compare with"
-)
+@pytest.mark.skipif(not hasattr(os, "sched_setaffinity") or available_cpus() < 2, reason="takes two cores")
 def test_the_same_bits_on_one_core_as_on_several():
     """Threads share the work on a body of 27,554 vertices."""
     source = SyntheticBodies()

@@ -15,11 +15,7 @@ REST = Path("balls/subject_00/rest.ply")
 
 
 @pytest.mark.parametrize(
-    ("damage", "words"),
-    [
-        (REST.unlink, "is missing; run the same defaust build again"),
-        (lambda: cut(REST), "not the file that the dataset lists"),
-    ],
+    ("damage", "words"), [(REST.unlink, "is missing; run the same"), (lambda: cut(REST), "not the file that")]
 )
 def test_a_damaged_dataset(here, damage, words):
     dataset()
@@ -33,10 +29,8 @@ def in_run(name: str) -> Path:
 
 
 def of_another_function() -> None:
-    write_csv(
-        "out/rows/tiny.csv",
-        read_csv("out/rows/tiny.csv").assign(**{"task.source": '{"_target_": "os.getcwd"}'}),
-    )
+    rows = read_csv("out/rows/tiny.csv")
+    write_csv("out/rows/tiny.csv", rows.assign(**{"task.source": '{"_target_": "os.getcwd"}'}))
 
 
 @pytest.mark.parametrize(

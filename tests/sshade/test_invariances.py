@@ -116,17 +116,13 @@ def test_vertices_and_faces_in_another_order(name, number, seed):
     new = rng.permutation(mesh.n)
     V = np.empty_like(mesh.V)
     V[new] = mesh.V
-    F = rng.permutation(
-        np.array([np.roll(f, r) for f, r in zip(new[mesh.F], rng.integers(0, 3, mesh.m), strict=True)])
-    )
+    rolls = zip(new[mesh.F], rng.integers(0, 3, mesh.m), strict=True)
+    F = rng.permutation(np.array([np.roll(f, r) for f, r in rolls]))
     handles = Handles(new[own.index], own.target, dynamic=own.dynamic, group=own.group)
     result = METHODS[name](task, seed=1).vertices
     choose = proxy_module._random_other_vertex
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(
-            proxy_module,
-            "_random_other_vertex",
-            lambda n, taken, seed: int(new[choose(n, np.argsort(new)[taken], seed)]),
-        )
+        chosen = lambda n, taken, seed: int(new[choose(n, np.argsort(new)[taken], seed)])  # noqa: E731
+        patch.setattr(proxy_module, "_random_other_vertex", chosen)
         there = METHODS[name](DeformationTask("other", Mesh(V, F), handles), seed=1).vertices
     assert_same(there[new], result, task, ROUNDING[name])

@@ -5,18 +5,8 @@ import numpy as np
 import pytest
 
 from sshade import InputError
-from sshade.problem.options import (
-    GROUPS,
-    PRESETS,
-    REGIONS,
-    Options,
-    OptionValues,
-    accepted,
-    as_row,
-    described,
-    help_text,
-    resolve,
-)
+from sshade.problem import options as module
+from sshade.problem.options import GROUPS, PRESETS, REGIONS, Options, accepted, as_row, described, resolve
 
 WRONG = [
     ("tolerance", nan),
@@ -63,9 +53,8 @@ def test_none_is_the_methods_own_value_and_numbers_of_numpy_are_numbers():
 @pytest.mark.parametrize("method", [method for method in PRESETS if accepted(method)])
 def test_handle_regions_change_what_is_not_given(method):
     plain, regional = resolve(method, {}), resolve(method, {}).with_regions()
-    changed = {
-        entry.name for entry in fields(Options) if getattr(plain, entry.name) != getattr(regional, entry.name)
-    }
+    names = [entry.name for entry in fields(Options)]
+    changed = {name for name in names if getattr(plain, name) != getattr(regional, name)}
     assert changed - {"proxy_attachment"} <= set(REGIONS.get(method, {}))
     assert bool(changed) == (method in REGIONS)
     free = resolve(method, {"volume": 0, "area": 0}).with_regions()
@@ -99,7 +88,7 @@ def test_each_option_is_in_one_group_and_has_an_effect_and_a_help():
     assert sorted(grouped) == sorted({name for method in PRESETS for name in accepted(method)})
     for name in grouped:
         option = described()[name]
-        assert len(option.effect.split()) > 5 and option.effect in help_text(name)
+        assert len(option.effect.split()) > 5 and option.effect in module.help_text(name)
     for method in PRESETS:  # the presets themselves are valid
         for name in accepted(method):
             value = getattr(PRESETS[method], name)
@@ -116,4 +105,6 @@ def test_a_row_has_the_plain_values_of_what_the_method_takes():
 
 
 def test_the_typed_keywords_are_the_options():
-    assert set(OptionValues.__annotations__) == {name for name in described() if described()[name].methods}
+    assert set(module.OptionValues.__annotations__) == {
+        name for name in described() if described()[name].methods
+    }

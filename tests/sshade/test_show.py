@@ -12,15 +12,8 @@ from sshade import Handles, Mesh
 from sshade.cli.main import main
 from sshade.files.meshes import write_mesh
 from sshade.files.task_files import write_handles
-from sshade.plotting.pictures import (
-    View,
-    _require_renderer,
-    colour_range,
-    colour_values,
-    edge_error,
-    new_plotter,
-    panel,
-)
+from sshade.plotting import pictures
+from sshade.plotting.pictures import View, colour_range, colour_values, edge_error, new_plotter, panel
 from tests.robustness.case import assert_refused
 from tests.robustness.inputs import BODY
 from tests.shapes import end_handles
@@ -119,5 +112,5 @@ def test_with_nothing_to_draw_with_the_libraries_are_told(sound, monkeypatch):
 
     monkeypatch.setattr("vtkmodules.vtkRenderingCore.vtkRenderWindow", Last)
     monkeypatch.setattr("ctypes.CDLL", Mock(side_effect=OSError))
-    _require_renderer.cache_clear()
+    pictures._require_renderer.cache_clear()
     assert_refused("sshade", ["show", "body.ply", "-o", "a.png"], "apt install libegl1 libgl1-mesa-dri")

@@ -7,6 +7,7 @@ from sshade import DeformationResult, DeformationTask, Handles, InputError, Mesh
 from tests.shapes import icosphere, rotation, tetrahedron
 
 TETRAHEDRON, TURNS = tetrahedron(), np.stack([np.eye(3), rotation(1)])
+TURNED = Mesh(TETRAHEDRON.V, TETRAHEDRON.F[::-1])
 ONE = Handles([0], TETRAHEDRON.V[:1])
 
 
@@ -16,11 +17,7 @@ ONE = Handles([0], TETRAHEDRON.V[:1])
         (lambda: DeformationTask("t", (TETRAHEDRON.V, TETRAHEDRON.F), ONE), TypeError, "not a tuple"),
         (lambda: DeformationTask("t", TETRAHEDRON, [0]), TypeError, "takes Handles, not a list"),
         (lambda: DeformationTask("t", TETRAHEDRON, ONE, guess=np.eye(3)), InputError, "guess has shape"),
-        (
-            lambda: TransferTask("t", TETRAHEDRON, Mesh(TETRAHEDRON.V, TETRAHEDRON.F[::-1]), TETRAHEDRON.V),
-            InputError,
-            "other faces",
-        ),
+        (lambda: TransferTask("t", TETRAHEDRON, TURNED, TETRAHEDRON.V), InputError, "other faces"),
         (lambda: DeformationResult(np.array([np.nan, 1]), 1, True), FloatingPointError, "1 deformed vert"),
         (lambda: Handles.from_positions(TETRAHEDRON, np.eye(3)[:2], np.eye(3)[:1]), InputError, "2 handles"),
     ],
@@ -56,10 +53,7 @@ def test_repeated_ids_with_one_target_are_kept_once_in_order():
         ({"index": [4, 4], "target": np.zeros((2, 3)), "weight": [1, 2]}, "vertex 4 has two weights"),
         ({"index": [4, 4], "target": np.zeros((2, 3)), "rotation": TURNS}, "vertex 4 has two rotations"),
         ({"index": [4, 4]}, "vertex 4 has contradictory targets, 1.41 apart"),
-        (
-            {"index": [4, 4], "group": [0, 3]},
-            "vertex 4 has contradictory targets in groups 0 and 3, 1.41 apart",
-        ),
+        ({"index": [4, 4], "group": [0, 3]}, "vertex 4 has contradictory targets in groups 0 and 3"),
     ],
 )
 def test_inconsistent_handles_are_refused(arguments, words):
@@ -104,10 +98,7 @@ def test_handles_of_a_group_on_one_vertex_are_merged_to_their_mean():
         (lambda s: 1000 * s, "times 0.001 they would be on it, in another unit"),
         (lambda s: s / 1000, "times 1000 they would be on it"),
         (lambda s: s * 1000 / 25.4, "times 0.0254 they would"),
-        (
-            lambda s: s + [5, 0, 0],
-            "their box has a diagonal of .*, that of the mesh .*; give positions with the axes",
-        ),
+        (lambda s: s + [5, 0, 0], "their box has a diagonal of .*, that of the mesh .*; give"),
         (lambda s: np.concatenate([s[:-1], s[-1:] + [9, 0, 0]]), "1 of 10 .*: mend or remove these"),
     ],
 )

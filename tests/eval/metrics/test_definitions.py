@@ -64,9 +64,8 @@ def spike(task, V):
 
 def stretches(task, V):
     """Return the two singular values of each face, from its edges in a basis of its plane."""
-    edges = [
-        np.stack([X[task.mesh.F[:, k]] - X[task.mesh.F[:, 0]] for k in (1, 2)], 2) for X in (task.mesh.V, V)
-    ]
+    faces = task.mesh.F
+    edges = [np.stack([X[faces[:, k]] - X[faces[:, 0]] for k in (1, 2)], 2) for X in (task.mesh.V, V)]
     before, after = (np.linalg.qr(of_shape).R for of_shape in edges)
     return np.linalg.svd(after @ np.linalg.inv(before), compute_uv=False)
 

@@ -88,9 +88,7 @@ def test_rows_that_must_not_be_mixed_are_refused(one, two, words):
 
 def test_the_true_pose_is_a_line_at_the_foot_that_no_rank_and_no_note_on_runs_knows():
     cases = [f"t{i}" for i in range(6)]
-    rows = [
-        row(name, task, metric__truth_distance=t) for name, t in (("a", 2.0), ("b", 1.0)) for task in cases
-    ]
+    rows = [row(name, task, metric__truth_distance=t) for name, t in (("a", 2), ("b", 1)) for task in cases]
     without = table_of(*rows)
     assert "true pose: not measured here." in without.notes
     facts = {"iterations": None, "converged": None, "seconds.total": None, "metric.truth_distance": 0.0}

@@ -17,7 +17,7 @@ def people(tmp_path):
     for who, rows in {
         "alice": [row(key="k1", task__source="t"), row(seed=1, key="k2", task__source="t")],
         "bob": [
-            row(key="k1", date="2026-01-02", task__source="/elsewhere/t"),
+            row(key="k1", date="2026-01-02", task__source="/t"),
             row(env__machine="laptop", key="k1", task__name="u"),
         ],
     }.items():

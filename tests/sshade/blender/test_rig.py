@@ -17,10 +17,8 @@ def weights(n, vertices, weight=1.0):
 
 def rig_of(mesh: Mesh, *, weight=1.0) -> Rig:
     order = np.argsort(mesh.V[:, 2])
-    groups = [
-        RigGroup("low", weights(mesh.n, order[:60]), False),
-        RigGroup("high", weights(mesh.n, order[-60:], weight), True),
-    ]
+    low, high = weights(mesh.n, order[:60]), weights(mesh.n, order[-60:], weight)
+    groups = [RigGroup("low", low, False), RigGroup("high", high, True)]
     return Rig(mesh.V.astype(np.float32), mesh.F, groups)
 
 
@@ -41,7 +39,7 @@ def test_a_translation_has_no_rotation_and_the_identity_no_motion():
 
 
 @pytest.mark.parametrize(
-    "linear", [np.diag([2, 2, 2]), np.diag([1, 1, 1.01]), np.diag([-1, 1, 1]), np.full((3, 3), np.nan)]
+    "linear", [2 * np.eye(3), np.diag([1, 1, 1.01]), np.diag([-1, 1, 1]), np.nan * np.eye(3)]
 )
 def test_other_matrices_are_no_motion(linear):
     matrix = np.eye(4)

@@ -22,11 +22,7 @@ def test_files_of_the_extension_name_their_licence():
 
 @pytest.mark.parametrize(
     ("system", "machine", "name"),
-    [
-        ("Windows", "AMD64", "windows-x64"),
-        ("Darwin", "arm64", "macos-arm64"),
-        ("Linux", "riscv64", None),
-    ],
+    [("Windows", "AMD64", "windows-x64"), ("Darwin", "arm64", "macos-arm64"), ("Linux", "riscv64", None)],
 )
 def test_platforms_have_blenders_names(system, machine, name, monkeypatch):
     monkeypatch.setattr(blender.platform, "system", lambda: system)

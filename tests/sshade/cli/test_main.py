@@ -229,9 +229,8 @@ def test_no_amount_of_the_way_writes_the_rest_shape_bit_by_bit(sound, capsys):
         assert np.array_equal(read_arrays(name)[0], BODY.V)
     line = ["deform", "body.ply", "pose.json", "-o", "half.ply", "--amount", "0.5", "--vertices", "60"]
     assert main(line) == 0
-    half, whole = (
-        read_handles("pose.json", Mesh(*read_arrays("body.ply")), amount=amount) for amount in (0.5, 1)
-    )
+    mesh = Mesh(*read_arrays("body.ply"))
+    half, whole = (read_handles("pose.json", mesh, amount=amount) for amount in (0.5, 1))
     assert not np.array_equal(half.target, whole.target)
     np.testing.assert_allclose(read_arrays("half.ply")[0][half.index], half.target, rtol=0, atol=1e-9)
 

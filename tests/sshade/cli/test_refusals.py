@@ -135,10 +135,8 @@ def test_meshes_and_maps_that_do_not_belong_together_are_refused(here):
     write_handles("two.json", Handles([1, 2], BODY.V[[1, 2]], group=[0, 1]))
     assert main(["remesh", "body.ply", "-o", "proxy.ply", "--map", "map.npz", "--vertices", "20"]) == 0
     held = {"kind": "fixed", "vertices": [0]}
-    for name, motion in {
-        "pushed": {"translation": [0, 200 * BODY.diagonal, 0]},
-        "grown": {"scale": 1000},
-    }.items():
+    far = [0, 200 * BODY.diagonal, 0]
+    for name, motion in {"pushed": {"translation": far}, "grown": {"scale": 1000}}.items():
         entries = [held, {"vertices": [5, 6, 7], **motion}]
         Path(f"{name}.json").write_text(json.dumps({"handles": entries}))
     np.savetxt("rest.csv", BODY.V[:9], delimiter=",")

@@ -21,11 +21,8 @@ ENDS = end_handles(BODY.V, share=0.1)
 STEPS = (0.1, 0.15, 0.2, 0.25)
 FAST = ["--vertices", "60"]
 #: Rotation, scale and translation of the second node of a mesh.
-PLACE = {
-    "rotation": Rotation.from_rotvec([0, 0, 0.5]).as_quat().tolist(),
-    "scale": [2, 2, 2],
-    "translation": [9, 0, 0],
-}
+TURN = Rotation.from_rotvec([0, 0, 0.5]).as_quat().tolist()
+PLACE = {"rotation": TURN, "scale": [2, 2, 2], "translation": [9, 0, 0]}
 
 
 def targets(step: float) -> np.ndarray:

@@ -9,15 +9,7 @@ from sshade import InputError
 from sshade.edit import recovery
 from sshade.edit.session import Session
 from tests.shapes import bumpy
-from tests.sshade.edit.sessions import (
-    BODY,
-    SWITCHED,
-    added,
-    begun,
-    edited,
-    switched,
-    turned,
-)
+from tests.sshade.edit.sessions import BODY, SWITCHED, added, begun, edited, switched, turned
 
 pytestmark = pytest.mark.usefixtures("here")
 

@@ -69,10 +69,8 @@ def test_a_vertex_is_in_the_group_that_took_it_last():
     session = begun()
     first = added(session, np.arange(10), "fixed")
     second = added(session, np.arange(5, 20), "moved")
-    assert {g.number: g.vertices.tolist() for g in session.state.groups} == {
-        first: list(range(5)),
-        second: list(range(5, 20)),
-    }
+    found = {g.number: g.vertices.tolist() for g in session.state.groups}
+    assert found == {first: list(range(5)), second: list(range(5, 20))}
     third = added(session, np.arange(5), "moved")
     assert [g.number for g in session.state.groups] == [second, third]
     session.remove(second)

@@ -79,21 +79,13 @@ BAD = {
         b"P 0.3 0.7 0.5 100 1 3\n0 0 0\n1 0 0\n0 1 0\n\n0 0 1\n0 0 1\n0 0 1\n\n1\n0 1 1 1 1\n\n3\n\n0 1 2\n",
         "a surface object of the MNI, not of Wavefront",
     ),
-    "binary OBJ of the MNI": (
-        ".obj",
-        b"p" + np.full(5, 0.3, ">f4").tobytes() + bytes(60),
-        "object of the MNI",
-    ),
+    "binary OBJ of the MNI": (".obj", b"p" + np.full(5, 0.3, ">f4").tobytes() + bytes(60), "of the MNI"),
     "binary OFF": (".off", b"OFF BINARY\n\0\0\0\3\0\0\0\1\0\0\0\0" + bytes(64), "it is a binary OFF file"),
     "binary COFF": (".off", b"COFF BINARY\r\n\0\0\0\3" + bytes(90), "it is a binary OFF file"),
     "STL without facets": (".stl", bytes(84), "triangle"),
     "one face that is a point": (".obj", obj(np.zeros((3, 3)), [[0, 1, 2]]), "the only face is a point"),
     "one corner too few": (".off", off(V, [[0, 1]]), "a face needs at least three vertices"),
-    "a million million vertices": (
-        ".ply",
-        mesh_ply(V, F, "").replace(b"vertex 162", b"vertex 1000000000000"),
-        "not a readable",
-    ),
+    "10^12 vertices": (".ply", mesh_ply(V, F, "").replace(b"x 162", b"x 1000000000000"), "not a readable"),
     "a point beyond in VTK": (
         ".vtk",
         legacy("POLYDATA", "POLYGONS 1 5\n4 0 1 2 1000000000"),

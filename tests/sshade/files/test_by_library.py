@@ -129,10 +129,8 @@ def test_the_command_says_what_is_lost(here, suffix, capsys):
     surface().save("b.vtp")
     Path("pose.json").write_text('{"handles": [{"vertices": [0, 1, 2, 3, 4]}]}')
     assert main(f"deform b.vtp pose.json -o c{suffix} --vertices 60".split()) == 0
-    lost = (
-        f"note: c{suffix} loses the point data and cell data of b.vtp: only positions and faces are written"
-    )
-    lost += "; a .vtp or .vtk file keeps all"
+    lost = f"note: c{suffix} loses the point data and cell data of b.vtp: only positions and faces are "
+    lost += "written; a .vtp or .vtk file keeps all"
     assert (lost in capsys.readouterr().err) == (suffix not in (".vtp", ".vtk"))
     assert len(read_arrays(f"c{suffix}")[1]) == len(F)
 

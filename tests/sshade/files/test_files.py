@@ -23,11 +23,8 @@ def test_the_file_appears_whole_on_success_under_its_name_alone(here, name):
     path = Path(name)
     path.write_text("old and longer")
     with replacing(path) as temporary:
-        assert (
-            temporary.parent == path.resolve().parent
-            and temporary.suffix == path.suffix
-            and temporary != path
-        )
+        assert temporary.parent == path.resolve().parent and temporary != path
+        assert temporary.suffix == path.suffix
         temporary.write_text("new")
         assert path.read_text() == "old and longer"
     assert path.read_text() == "new" and os.listdir() == [name]

@@ -292,11 +292,7 @@ def test_an_amount_moves_handles_a_part_of_the_way(here, body, amount):
 
 @pytest.mark.parametrize(
     ("amount", "words"),
-    [
-        (-0.1, "from 0 to 2, not"),
-        (np.nan, "from 0 to 2, not"),
-        (2, "the scale 0.4 cannot be exceeded 2 times"),
-    ],
+    [(-0.1, "from 0 to 2, not"), (np.nan, "from 0 to 2, not"), (2, "the scale 0.4 cannot be exceeded 2")],
 )
 def test_an_amount_out_of_range_is_refused(here, body, amount, words):
     with pytest.raises(InputError, match=words):

@@ -85,10 +85,7 @@ def test_a_little_rigid_motion_of_another_copy_is_found_by_icp(here):
         ("handles: {static: {positions: [words]}}", "three numbers"),
         ("handles: {static: {positions: [other]}}", "is this the mesh they were made for?"),
         ("handles: {moving: {positions: [hand]}}", "1 moving part has 0 transforms"),
-        (
-            "handles: {moving: {positions: [foot], transform: [up]}}",
-            "foot has 20 points, its transform up 25",
-        ),
+        ("handles: {moving: {positions: [foot], transform: [up]}}", "foot has 20 points, its transform up"),
     ],
 )
 def test_a_wrong_file_is_refused_in_one_sentence(here, content, message):

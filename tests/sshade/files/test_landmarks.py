@@ -138,18 +138,13 @@ def test_landmarks_that_wait_to_be_placed_in_both_files_are_skipped(here):
     Path("none.mrk.json").write_text(markups(POINTS, NAMES, status="undefined"))
     with pytest.raises(InputError, match=r"none.mrk.json: it has no landmarks"):
         read_landmarks(Path("none.mrk.json"), Path("none.mrk.json"))
-    with pytest.raises(
-        InputError, match="none.mrk.json: landmark 0 'nasion' has no position, which b.mrk.json"
-    ):
+    with pytest.raises(InputError, match="none.mrk.json: landmark 0 'nasion' has no position, which b"):
         read_landmarks(Path("none.mrk.json"), Path("b.mrk.json"))
 
 
 #: Content of the target beside a sound file a.csv of the rest shape, and words of the refusal.
 BAD = {
-    "short.csv": (
-        lines(POINTS[:3], NAMES[:3], ","),
-        "a.csv has 4 landmarks, and short.csv has 3; each needs",
-    ),
+    "short.csv": (lines(POINTS[:3], NAMES[:3], ","), "a.csv has 4 landmarks, and short.csv has 3; each"),
     "other.csv": (lines(POINTS, "abcd", ","), "there is no landmark 'nasion', which a.csv has"),
     "twice.csv": (lines(POINTS, "aacd", ","), "twice.csv: two landmarks have the name 'a'"),
     "nan.csv": ("chin,nan,0,0\n", "nan.csv: landmark 0 'chin' has a NaN or infinite position"),

@@ -14,6 +14,7 @@ from tests.write import columns, mesh_ply, ply
 SQUARE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [2, 0, 3]])
 POLYGONS = [(0, 1, 2, 3), (1, 4, 2), (3, 2, 1, 0), (4, 1, 0)]
 FANNED = [[0, 1, 2], [0, 2, 3], [1, 4, 2], [3, 2, 1], [3, 1, 0], [4, 1, 0]]
+PAIRS = [[], [0.5], [0.5, 0.5], []]
 #: Older versions of MeshLab write texture coordinates and flags that their header does not declare.
 OLD_MESHLAB = sample("old_meshlab.ply")
 
@@ -25,10 +26,7 @@ def mixed(order: str, *, points=SQUARE, position="double", count="uchar", corner
     elements = {
         "vertex": [x, ("red", "uchar", [200] * len(points)), y, z, owners],
         "edge": [("vertex1", "int", [7, 8]), ("more", "uchar short", [[], [-5, 6]])],
-        "face": [
-            ("vertex_index", f"{count} {corner}", POLYGONS),
-            ("uv", "uchar float", [[], [0.5], [0.5, 0.5], []]),
-        ],
+        "face": [("vertex_index", f"{count} {corner}", POLYGONS), ("uv", "uchar float", PAIRS)],
     }
     return ply(order, elements, comments=["comment TextureFile ../secret.png", "obj_info nothing"])
 

@@ -123,10 +123,8 @@ def hourglass() -> tuple[np.ndarray, np.ndarray]:
     V = np.concatenate([[[0, 0, 0]], ring / 2, ring, ring * [0.5, 0.5, -0.5], ring * [1, 1, -1]])
     i, j = np.arange(12), (np.arange(12) + 1) % 12
     fan = np.column_stack([0 * i, 1 + i, 1 + j])
-    sides = np.concatenate(
-        [np.column_stack([1 + i, 13 + i, 13 + j]), np.column_stack([1 + i, 13 + j, 1 + j])]
-    )
-    F = np.concatenate([fan, sides])
+    sides = [np.column_stack([1 + i, 13 + i, 13 + j]), np.column_stack([1 + i, 13 + j, 1 + j])]
+    F = np.concatenate([fan, *sides])
     return V, np.concatenate([F, np.where(F > 0, F + 24, 0)[:, ::-1]])
 
 
@@ -154,9 +152,8 @@ def test_a_pinched_vertex_is_one_in_every_file(split):
     # Both are the same mesh with other numbers, so that they deform alike.
     to = np.empty(whole.n, dtype=np.int64)
     to[order[1]] = order[0]
-    assert {tuple(sorted(face)) for face in to[found.mesh.F].tolist()} == {
-        tuple(sorted(face)) for face in whole.F.tolist()
-    }
+    one, other = ({tuple(sorted(f)) for f in faces.tolist()} for faces in (to[found.mesh.F], whole.F))
+    assert one == other
 
 
 def test_a_closed_surface_with_two_vertices_at_its_pinch_is_joined_there():

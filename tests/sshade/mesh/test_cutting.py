@@ -50,10 +50,8 @@ def moebius(around: int = 24, *, half_turns: int = 1) -> Mesh:
 
 def klein_bottle(around: int = 40, across: int = 20) -> Mesh:
     """Return a closed one-sided surface that crosses itself: a figure eight makes half a turn."""
-    u, v = (
-        2 * np.pi * p.ravel() / count
-        for p, count in zip(np.indices((around, across)), (around, across), strict=True)
-    )
+    size = (around, across)
+    u, v = (2 * np.pi * p.ravel() / n for p, n in zip(np.indices(size), size, strict=True))
     out = np.cos(u / 2) * np.sin(v) - np.sin(u / 2) * np.sin(2 * v)
     up = np.sin(u / 2) * np.sin(v) + np.cos(u / 2) * np.sin(2 * v)
     i, j = np.divmod(quads(around + 1, across, wrap_v=True), across)

@@ -9,9 +9,8 @@ from sshade.mesh.normals import NORMALS, SMOOTH, smooth_groups, turned, vertex_t
 from tests.shapes import icosphere
 
 #: Without triangles of equal area: the largest triangle at a vertex is the same in any order.
-BALL = Mesh(
-    unit_rows(icosphere(3).V + np.random.default_rng(0).uniform(-0.03, 0.03, (642, 3))), icosphere(3).F
-)
+ROUND = icosphere(3)
+BALL = Mesh(unit_rows(ROUND.V + np.random.default_rng(0).uniform(-0.03, 0.03, (642, 3))), ROUND.F)
 POSED = BALL.V * [1.0, 1.5, 0.75] + 0.2 * BALL.V[:, [1, 2, 0]] ** 2
 TURNED = vertex_turns(BALL.V, BALL.F, BALL.V, POSED)
 

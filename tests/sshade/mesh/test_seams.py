@@ -110,9 +110,7 @@ SLIVERS = strip(30, 1)
 REFUSED = {
     "weld is a fraction of the diagonal": lambda: surface(SPHERE.V, SPHERE.F, weld=0.1),
     "all 3 faces are points": lambda: surface(np.zeros((9, 3)), np.arange(9).reshape(3, 3)),
-    "all 60 faces have two corners at one place": lambda: surface(
-        SLIVERS.V * [1, 0, 1], SLIVERS.F, repair=True
-    ),
+    "all 60 faces have two corners at one": lambda: surface(SLIVERS.V * [1, 0, 1], SLIVERS.F, repair=True),
 }
 
 

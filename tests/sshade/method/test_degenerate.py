@@ -14,12 +14,7 @@ from tests.shapes import QUARTER, bumpy, end_handles
 from tests.sshade.method.calls import fast, fine, paper
 
 BODY, SMALL = bumpy(3), bumpy(2)
-METHODS = {
-    "sshade": partial(paper, samplings=2),
-    "fast": fast,
-    "fine": fine,
-    "full resolution": local_global,
-}
+METHODS = {"sshade": partial(paper, samplings=2), "fast": fast, "fine": fine, "full resolution": local_global}
 
 
 def flattened(seed: int) -> Mesh:

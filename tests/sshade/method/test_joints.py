@@ -51,10 +51,8 @@ def test_where_nothing_strains_the_bits_are_those_without_joints():
 def test_steps_show_the_pose_and_settling_makes_joints_round():
     task = bent_limb(100.0)
     rest = LIMB.V[task.handles.index]
-    drag, pose = (
-        Deformer(LIMB, task.handles.index, group=task.handles.group, vertices=700, joints=joints)
-        for joints in (1, 0)
-    )
+    index, more = task.handles.index, {"group": task.handles.group, "vertices": 700}
+    drag, pose = (Deformer(LIMB, index, joints=joints, **more) for joints in (1, 0))
     for share in np.linspace(0.1, 1, 10):
         targets = rest + share * (task.handles.target - rest)
         shown, sharp = (one.step(targets, tolerance=1e-4).vertices for one in (drag, pose))

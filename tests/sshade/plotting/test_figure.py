@@ -44,10 +44,8 @@ def test_a_task_shows_its_handles_and_its_truth():
 
 def test_a_result_is_coloured_by_the_change_of_its_edges():
     facts = view(plot(RESULT.of(TASK)))
-    assert [(shape["name"], shape["error"]) for shape in facts["shapes"]] == [
-        ("rest", False),
-        ("result", True),
-    ]
+    shown = [(shape["name"], shape["error"]) for shape in facts["shapes"]]
+    assert shown == [("rest", False), ("result", True)]
     assert facts["label"] == "change of edge length (%)" and facts["bottom"] == 0
     assert facts["top"] == pytest.approx(np.percentile(edge_error(REST, RESULT.vertices), 98))
     assert facts["handles"] == HANDLES.index.tolist()

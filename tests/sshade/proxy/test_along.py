@@ -64,9 +64,8 @@ def test_points_move_with_the_weighted_motions_of_the_samples_near_them():
     R = nearest_rotations(VertexMaps.at_rest(BALL)(posed)[0])
     for x, moved in zip(X, move_along(BALL, posed, X), strict=True):
         d = np.linalg.norm(x - BALL.V, axis=1)
-        weight = (
-            np.maximum(1 - d / min(BEYOND * np.sort(d)[NEAREST - 1], REACH * (d.min() + spacing)), 0) ** 2
-        )
+        reach = min(BEYOND * np.sort(d)[NEAREST - 1], REACH * (d.min() + spacing))
+        weight = np.maximum(1 - d / reach, 0) ** 2
         motions = np.einsum("kij,kj->ki", R, x - BALL.V) + posed
         assert moved == pytest.approx(np.average(motions, axis=0, weights=weight), abs=1e-12)
 

@@ -23,9 +23,8 @@ MESHES = {
 
 def cells_of(mesh: Mesh, samples: np.ndarray, cell: np.ndarray, distance: np.ndarray) -> SimpleNamespace:
     """Return an arbitrary labelling of the vertices that can replace fronts."""
-    return SimpleNamespace(
-        graph=vertex_graph(mesh), samples=samples, cell=cell.astype(np.int32), distance=distance
-    )
+    cell = cell.astype(np.int32)
+    return SimpleNamespace(graph=vertex_graph(mesh), samples=samples, cell=cell, distance=distance)
 
 
 def random_cells(mesh: Mesh, k: int, rng: np.random.Generator) -> SimpleNamespace:
@@ -41,9 +40,8 @@ def unions_of(mesh: Mesh, label: list[int]) -> set[tuple[int, ...]]:
     """Return all single cells, pairs at an edge, and triples at a triangle."""
     unions = {(i,) for i in label}
     unions |= {tuple(sorted((label[u], label[v]))) for u, v in mesh.edges.tolist() if label[u] != label[v]}
-    return unions | {
-        tuple(sorted(label[v] for v in f)) for f in mesh.F.tolist() if len({label[v] for v in f}) == 3
-    }
+    triples = {tuple(sorted(label[v] for v in f)) for f in mesh.F.tolist()}
+    return unions | {triple for triple in triples if len(set(triple)) == 3}
 
 
 def euler_counts(mesh: Mesh, cell: np.ndarray) -> dict[tuple[int, ...], int]:

@@ -35,7 +35,5 @@ class Solver:
     def solve(
         self, aim: Aim, *, tolerance: float = 1e-5, max_iterations: int = 1000, **given: Any
     ) -> Solution:
-        options = Options(
-            **{name: given.pop(name) for name in OPTIONS - {"workers", "start"} if name in given}
-        )
-        return solve(self.system, aim, options, stop=Stop(tolerance, max_iterations), **given)
+        own = {name: given.pop(name) for name in OPTIONS - {"workers", "start"} if name in given}
+        return solve(self.system, aim, Options(**own), stop=Stop(tolerance, max_iterations), **given)

@@ -230,9 +230,8 @@ def test_the_energy_has_the_penalty_in_it():
     naive = Naive(BAR, "spokes_and_rims")
     solution = solve(BAR, (0.4, 0.2))
     rest = 6.0 * BAR.mesh.area  # each of a triangle's three cells counts twice the area
-    penalty = (
-        rest / 2 * (0.4 * solution.constraints.volume_error**2 + 0.2 * solution.constraints.area_error**2)
-    )
+    held = solution.constraints
+    penalty = rest / 2 * (0.4 * held.volume_error**2 + 0.2 * held.area_error**2)
     elastic = naive.energy(solution.positions, naive.rotations(solution.positions))
     assert solution.energy == pytest.approx(elastic + penalty, rel=1e-9)
     assert penalty > 1e-3 * solution.energy
@@ -282,9 +281,8 @@ def test_without_an_inside_the_volume_stays_free(reason):
     mesh = WITHOUT_VOLUME[reason]
     index = np.unique(np.linspace(0, mesh.n - 1, 6).astype(int))
     task = DeformationTask("open", mesh, Handles(index, mesh.V[index] + 0.1 * bent(mesh.V)[index]))
-    free, held, with_area = (
-        solve(task, given, max_iterations=10) for given in ((0, 0), (inf, 0), (inf, inf))
-    )
+    given = ((0, 0), (inf, 0), (inf, inf))
+    free, held, with_area = (solve(task, weights, max_iterations=10) for weights in given)
     assert free.constraints.volume_constraint == "free"
     assert held.constraints.volume_constraint == with_area.constraints.volume_constraint == f"off: {reason}"
     assert math.isnan(free.constraints.volume_error) and math.isnan(held.constraints.volume_error)
@@ -296,9 +294,8 @@ def test_what_cannot_be_constrained_is_said_or_refused():
     everything = DeformationTask("all", mesh, Handles(np.arange(mesh.n), 1.1 * mesh.V))
     solution = solve(everything, (inf, inf))
     assert solution.constraints.volume_constraint == solution.constraints.area_constraint == "infeasible"
-    assert solution.constraints.volume_error == pytest.approx(
-        1.1**3 - 1
-    ) and solution.constraints.area_error == pytest.approx(0.21)
+    errors = solution.constraints.volume_error, solution.constraints.area_error
+    assert errors == pytest.approx((1.1**3 - 1, 0.21))
     both = beside(mesh, shifted(mesh, 5))
     task = DeformationTask("two", both, Handles([0, mesh.n], both.V[[0, mesh.n]] + 0.1))
     with pytest.raises(InputError, match="need a connected mesh"):

@@ -17,10 +17,7 @@ from tests.sshade.solver.test_multigrid import CASES, matrix
 TILT = Rotation.from_rotvec([np.pi / 6, 0.0, 0.0]).as_matrix()
 BALL = held_ends(bumpy(3))
 #: Tasks of several topologies, with regions, single vertices or soft handles, and with faces without area.
-TASKS = {
-    "region": BALL,
-    "boundary": held_ends(jittered(tube(30, 30), 0.02), axis=2, share=0.1, turn=TILT),
-}
+TASKS = {"region": BALL, "boundary": held_ends(jittered(tube(30, 30), 0.02), axis=2, share=0.1, turn=TILT)}
 SOFT = {"stiffness": 0.1, "strain": 0.02}
 EXACT = {"volume": np.inf, "area": np.inf}
 
@@ -46,10 +43,7 @@ def pulled(task: DeformationTask) -> DeformationTask:
     return DeformationTask("pulled", task.mesh, Handles(own.index, own.target, weight=weight))
 
 
-TASKS |= {
-    "faces without area": flattened(BALL),
-    "pulled": pulled(held_ends(BALL.mesh, turn=TILT)),
-}
+TASKS |= {"faces without area": flattened(BALL), "pulled": pulled(held_ends(BALL.mesh, turn=TILT))}
 
 
 def solve(task: DeformationTask, *, multigrid: bool, energy="spokes_and_rims", **options) -> Solution:

@@ -228,9 +228,8 @@ def test_other_handles_of_a_solver_are_those_of_a_new_one_bit_for_bit(task, ener
     assert pair[0].energy == pair[1].energy
     back = shared.with_handles(index)
     for same in (solver, back):
-        np.testing.assert_array_equal(
-            same.solve(Aim(task.handles.target), max_iterations=5).positions, before
-        )
+        again = same.solve(Aim(task.handles.target), max_iterations=5).positions
+        np.testing.assert_array_equal(again, before)
 
 
 #: A softening energy.
@@ -242,12 +241,7 @@ def test_a_softened_laplacian_reaches_the_same_minimum_in_fewer_iterations(task)
     rough = solver.solve(Aim(target), tolerance=1e-3, max_iterations=5000, **SOFT)
     ends = {
         softened: solver.solve(
-            Aim(target),
-            start=rough.positions,
-            softened=softened,
-            tolerance=1e-8,
-            max_iterations=5000,
-            **SOFT,
+            Aim(target), start=rough.positions, softened=softened, tolerance=1e-8, max_iterations=5000, **SOFT
         )
         for softened in (False, True)
     }

@@ -107,9 +107,8 @@ def defined(case, P: np.ndarray, R: np.ndarray) -> float:
             turned = np.einsum("tab,tb->ta", R[F[:, c]], V[F[:, i]] - V[F[:, j]])
             total += h[:, i] * ((P[F[:, i]] - P[F[:, j]] - turned) ** 2).sum(axis=1)
         rest = 6 * MESH.face_areas
-        return float(
-            (rest * penalty(total / rest, options.stiffness, options.strain, options.strain_limit)).sum()
-        )
+        soft = options.stiffness, options.strain, options.strain_limit
+        return float((rest * penalty(total / rest, *soft)).sum())
     if case.kind.__name__ == "Pulls":
         soft = np.isfinite(STIFFNESS)
         return corners * float((STIFFNESS[soft] * ((P[INDEX] - TARGET) ** 2).sum(axis=1)[soft]).sum())
@@ -121,10 +120,8 @@ def defined(case, P: np.ndarray, R: np.ndarray) -> float:
         )
         return corners * float((options.thickness * area[i] / length**2 * (off**2).sum(axis=1)).sum())
     assert case.kind.__name__ == "Bending", "a new term needs its definition here"
-    L, hard = (
-        laplacian_matrix(MESH.n, *edge_weights(MESH, h)),
-        np.isin(np.arange(MESH.n), INDEX[np.isinf(STIFFNESS)]),
-    )
+    L = laplacian_matrix(MESH.n, *edge_weights(MESH, h))
+    hard = np.isin(np.arange(MESH.n), INDEX[np.isinf(STIFFNESS)])
     off = L @ P - np.einsum("iab,ib->ia", R, L @ V)
     free = abs(L) @ ~hard > 0  # vertices around which all is held have no energy
     return corners * float((options.bending**2 * MESH.area / area * (off**2).sum(axis=1))[free].sum())
