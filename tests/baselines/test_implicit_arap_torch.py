@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation  # noqa: E402
 
 from baselines.implicit_arap import implicit_arap  # noqa: E402
 from baselines.implicit_arap.networks import euler_rotation  # noqa: E402
-from baselines.implicit_arap.patches import pattern_of, zero_set  # noqa: E402
-from baselines.implicit_arap.sdf import GridSdf, ImplicitSurface, fit_network_sdf  # noqa: E402
+from baselines.implicit_arap.patches import pattern_of  # noqa: E402
+from baselines.implicit_arap.sdf import ImplicitSurface, fit_network_sdf  # noqa: E402
 from sshade.problem.task import silent  # noqa: E402
 from tests.shapes import held_ends, icosphere  # noqa: E402
 
@@ -58,12 +58,6 @@ def test_fitted_network_approaches_the_distance():
     assert after < 0.04 < 0.2 < before
     _, gradient = sdf.with_gradient(x)
     assert torch.nn.functional.cosine_similarity(gradient, x, dim=-1).mean() > 0.9
-
-
-def test_a_field_without_surface_is_an_error(monkeypatch):
-    monkeypatch.setattr("baselines.implicit_arap.patches.DRAWS", 2)
-    with pytest.raises(RuntimeError, match="sdf=grid"):
-        zero_set(GridSdf(np.full((3, 3, 3), 9.0), device=CPU), 5, repeats=1, generator=generator())
 
 
 def test_energy_of_a_stretch_by_hand():

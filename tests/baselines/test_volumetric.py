@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from baselines.volumetric import coarse_tetrahedra as tetrahedra_module
 from baselines.volumetric.coarse_tetrahedra import coarse_tetrahedra
 from baselines.volumetric.neo_hookean import neo_hookean
 from baselines.volumetric.skinning import biharmonic_coordinates, bounded_biharmonic_weights
 from baselines.volumetric.slim import slim
 from baselines.volumetric.tetrahedral_arap import tetrahedral_arap
-from sshade import DeformationTask, Handles, InputError, Mesh
+from sshade import DeformationTask, Handles, InputError
 from tests.shapes import bumpy, held_ends, moved_parts, rotation, tube, two_spheres
 
 COARSE = {"samples": 300, "edge": 0.12}
@@ -42,28 +41,10 @@ def test_tetrahedra_are_positive_and_carry_every_vertex():
     assert made.carry.data.min() > -1
 
 
-def test_components_and_self_intersections_are_filled():
-    apart = coarse_tetrahedra(two_spheres(), samples=200, edge=0.15)
-    assert apart.component.max() == 1
-    balls = two_spheres()
-    crossing = Mesh(balls.V - np.repeat([[0, 0, 0], [4, 0, 0]], balls.n // 2, axis=0), balls.F)
-    together = coarse_tetrahedra(crossing, samples=10**6, edge=0.15)
-    assert together.component.max() == 0
-    # Two unit balls at distance 1: 4/3 pi (2 - 5/16).
-    assert together.volumes.sum() == pytest.approx(4 / 3 * np.pi * (2 - 5 / 16), rel=0.1)
-
-
 @pytest.mark.parametrize("method", VOLUMETRIC)
 def test_an_open_surface_is_refused(method):
     with pytest.raises(InputError, match="boundary edges; close its holes"):
         method(held_ends(tube()))
-
-
-def test_filling_has_a_limit_and_leaves_nothing_behind(monkeypatch, here):
-    monkeypatch.setattr(tetrahedra_module, "LIMIT", 1)
-    with pytest.raises(InputError, match="could not fill the surface within 1 s"):
-        coarse_tetrahedra(bumpy(4), samples=10**6, edge=0.01)
-    assert list(here.iterdir()) == []
 
 
 @pytest.mark.parametrize("method", VOLUMETRIC)

@@ -114,11 +114,6 @@ def sleeping(task, *, seconds: float, seed: int, progress=silent) -> Deformation
     return DeformationResult(vertices=task.mesh.V, iterations=0, converged=None)
 
 
-def dying(task, *, seed: int, progress=silent) -> DeformationResult:
-    """A method that kills the worker of a launcher, which has started its process."""
-    os.kill(os.getppid(), signal.SIGKILL)
-
-
 def killed(task, *, seed: int, progress=silent) -> DeformationResult:
     """A method whose process dies as if the system killed it for lack of memory."""
     os.kill(os.getpid(), signal.SIGKILL)

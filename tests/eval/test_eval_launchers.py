@@ -12,7 +12,6 @@ NEEDS = {
     "submitit_local": "hydra_plugins.hydra_submitit_launcher",
     "ray": "hydra_plugins.hydra_ray_launcher",
 }
-JOBLIB = ["hydra/launcher=joblib", "hydra.launcher.n_jobs=2"]
 LOST = "failed: a worker was lost (TerminatedWorkerError); the same command goes on from there"
 RUNS = ["-m", "dataset=bumpy", "method=failing,identity"]
 
@@ -44,14 +43,6 @@ def test_another_launcher_gives_the_same_rows(tmp_path, basic, launcher, options
         assert sorted(line.split(":")[0] for line in own) == begins
     pd.testing.assert_frame_equal(comparable(rows), comparable(basic[1]))
     assert rows["env.jobs"].tolist() == [2, 2]
-
-
-@pytest.mark.full
-def test_a_lost_worker_ends_a_sweep(tmp_path):
-    pytest.importorskip(NEEDS["joblib"], reason="the extra joblib is not installed")
-    done = run_program(tmp_path, "-m", "dataset=bumpy", "method=dying", "seed=0,1", *JOBLIB)
-    assert done.returncode == 1 and "Traceback" not in done.stderr
-    assert LOST in done.stderr.splitlines()
 
 
 def test_a_lost_worker_is_told_in_one_line(tmp_path, monkeypatch):

@@ -136,14 +136,6 @@ def test_a_thread_of_a_method_that_writes_into_its_result_changes_no_measure(tas
     assert row["metric.volume"] == 0
 
 
-def test_an_old_row_with_a_lone_surrogate_is_collected(task, tmp_path):
-    folder = run(task, {"_target_": "eval_cases.failing"}, name="f", root=tmp_path).folder
-    text = (folder / "row.json").read_text()
-    (folder / "row.json").write_text(text.replace("always fails", "\\udc80 \\u00e4"))
-    write_csv(tmp_path / "rows.csv", collect(tmp_path))
-    assert read_csv(tmp_path / "rows.csv")["reason"].tolist() == ["ArithmeticError: this method \\udc80 ä"]
-
-
 def test_the_key_follows_configuration_versions_task_and_seed(task, tmp_path, monkeypatch):
     def key(task=task, method=STRETCHING, **options):
         return run(task, method, name="s", root=tmp_path, **options).row["key"]

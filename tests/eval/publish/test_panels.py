@@ -3,8 +3,7 @@
 import numpy as np
 from eval_cases import bumpy_task
 
-from eval.publish import panels
-from eval.publish.panels import Camera, Case, draw, error_of, row_of
+from eval.publish.panels import Camera, Case, error_of, row_of
 from sshade import DeformationTask, Mesh, TransferTask
 from sshade.plotting.pictures import edge_error
 from tests.shapes import bumpy
@@ -57,14 +56,3 @@ def test_a_transfer_shows_what_is_given_what_is_true_and_what_was_found():
     row = shown(case, m=case.posed, lost="no")
     assert names(row) == ["rest", "edited", "pose", "true pose", "m", "lost"]
     assert [panel.name for panel in row.panels if panel.error is not None] == ["m"]
-
-
-def test_a_long_title_fits_a_narrow_picture(monkeypatch):
-    monkeypatch.setattr(panels, "picture_of", lambda *_, width, **__: np.zeros((width, width, 3), np.uint8))
-    task = bumpy_task(level=2)
-    row = row_of(Case(task, {"m": task.mesh.V}, {}), CAMERA)
-    figure = draw([row], title="What this is\n" + "a legend of many words " * 6, label="error")
-    figure.canvas.draw()
-    (title,) = (text for text in figure.texts if text.get_text().startswith("What this is"))
-    extent = title.get_window_extent()
-    assert figure.bbox.x0 <= extent.x0 and extent.x1 <= figure.bbox.x1

@@ -181,51 +181,6 @@ def scene_a_scaled_empty_pauses_the_live_mode_and_cancel_restores_the_object_and
     assert contents(obj) == before and (rest(obj) == V).all() and not live_module().RUNNING
 
 
-def scene_undo_and_redo():
-    obj, V, F = fresh()
-    with_handles(obj, V)
-    bpy.ops.ed.undo_push(message="begin")
-    bpy.ops.sshade.deform()
-    bpy.ops.ed.undo_push(message="deform")
-    bpy.ops.ed.undo()
-    assert bpy.data.objects["Body"].data.shape_keys is None
-    bpy.ops.ed.redo()
-    obj = bpy.data.objects["Body"]
-    assert len(obj.data.shape_keys.key_blocks) == 2
-    bpy.ops.sshade.live_start()
-    bpy.ops.ed.undo_push(message="live")
-    at_start = shown(obj)
-    move(obj, 0.3)
-    moved = shown(obj)
-    bpy.ops.ed.undo_push(message="move")
-    bpy.ops.ed.undo()
-    obj = bpy.data.objects["Body"]
-    assert np.abs(shown(obj) - at_start).max() < 0.01 < 0.2 < np.abs(moved - at_start).max()
-    move(obj, 0.3)
-    assert np.abs(shown(obj) - moved).max() < 0.01
-    assert bpy.ops.sshade.live_finish() == {"FINISHED"}
-
-
-def scene_an_edit_ends_the_live_mode_and_nothing_is_lost():
-    edits = {
-        "mesh 'Body' was edited": lambda obj: setattr(obj.data.shape_keys.reference_key.points[0].co, "x", 9),
-        "the list of groups changed": lambda obj: obj.sshade.handles.remove(0),
-        "its shape key 'SShaDe' is gone": lambda obj: obj.shape_key_remove(
-            obj.data.shape_keys.key_blocks[-1]
-        ),
-    }
-    for said, edit in edits.items():
-        obj, V, F = fresh()
-        with_handles(obj, V)
-        bpy.ops.sshade.live_start()
-        shape = shown(obj)
-        edit(obj)
-        move(obj, 0.1)
-        assert obj.sshade.message.startswith("the live mode ended, because ") and said in obj.sshade.message
-        assert "gone" in said or (shown(obj) == shape).all()
-        assert refused(bpy.ops.sshade.live_start) == ""
-
-
 def scene_a_mistake_is_one_sentence_and_changes_nothing():
     def handle(obj):
         return obj.sshade.handles["moving"]

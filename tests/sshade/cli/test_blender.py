@@ -34,14 +34,6 @@ def test_platforms_have_blenders_names(system, machine, name, monkeypatch):
             blender.platform_name()
 
 
-def test_a_python_that_no_blender_runs_is_refused(monkeypatch, capsys, tmp_path):
-    monkeypatch.setattr(blender, "BLENDERS", {(2, 7): ("2.7.0", None)})
-    assert main(["blender", "-o", str(tmp_path / "a.zip")]) == 2
-    error = capsys.readouterr().err
-    assert error.count("\n") == 1 and "install sshade for Python 2.7" in error
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_the_own_wheel_installs_the_package_alone(tmp_path):
     """pip checks the RECORD."""
     wheel = blender.own_wheel(tmp_path)

@@ -188,9 +188,3 @@ def test_of_a_large_mesh_a_preview_follows_and_all_of_it_is_shown_at_rest(large,
     group = session.state.groups[1]
     assert np.array_equal(session.shown[group.vertices], group.target)
     assert page.said == []
-
-
-def test_a_long_name_is_not_cut(page):
-    field = page.locator("#save-mesh input")
-    field.fill("scan_of_the_left_hand_deformed.ply")
-    assert field.evaluate("field => field.scrollWidth <= field.clientWidth")

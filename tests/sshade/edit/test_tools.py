@@ -152,14 +152,3 @@ def test_a_group_is_named_limited_picked_and_told_if_nothing_is_fixed(page, sess
         page.locator("#groups button", has_text=name).click()
         asked(page, "alter", page.locator("#group").get_by_text("Moved").click)
     assert "Nothing is fixed" in loose.inner_text()
-
-
-def test_the_up_axis_changes_the_view_alone(page, session):
-    stage, state = page.locator("#stage"), session.state
-    page.get_by_text("Options, method fast").click()
-    seen = [pixels(stage)]
-    for axis in "z", "y":
-        page.get_by_label("up axis").select_option(axis)
-        page.wait_for_timeout(250)
-        seen.append(pixels(stage))
-    assert changed(seen[0], seen[1]) > 0.02 and changed(seen[0], seen[2]) < 0.002 and session.state is state

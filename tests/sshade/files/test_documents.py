@@ -117,12 +117,8 @@ def test_normals_turn_with_the_surface(here):
 
 @pytest.mark.parametrize("number", ["nan", "-nan(ind)", "-1.#IND", "1.#QNAN000"])
 def test_normals_that_are_no_numbers_stay(here, number):
-    for name, old, new in (
-        ("blender.obj", "vn 0.0000", f"vn {number}"),
-        ("two_facets.stl", "normal 0", f"normal {number}"),
-    ):
-        Path(name).write_text(sample(name).replace(old, new, 1))
-        assert f"{new} 0" in rewritten(Path(name), read_arrays(name)[0] @ TURN.T).decode()
+    Path("a.obj").write_text(sample("blender.obj").replace("vn 0.0000", f"vn {number}", 1))
+    assert f"vn {number} 0" in rewritten(Path("a.obj"), read_arrays("a.obj")[0] @ TURN.T).decode()
 
 
 @pytest.mark.parametrize("kind", ["position", "normal"])

@@ -30,7 +30,8 @@ def test_all_forms_give_what_the_method_gives(name):
     mesh = deform(BODY, B, BC, **options)
     scene = deform(TRIMESH, B, BC, **options)
     assert type(mesh) is Mesh and np.array_equal(mesh.F, BODY.F) and type(scene) is trimesh.Trimesh
-    for V in (result.vertices, U, mesh.V, scene.vertices):
+    named = deform(bc=BC, b=B, F=BODY.F, V=BODY.V, **options), deform(BODY, b=B, bc=BC, **options).V
+    for V in (result.vertices, U, mesh.V, scene.vertices, *named):
         assert np.array_equal(V, expected.vertices)
 
 
@@ -155,6 +156,7 @@ def loses_a_vertex(task, **_):
         (lambda: deform(in_scene(trimesh.PointCloud(BODY.V)), B, BC), InputError, "is no triangle mesh"),
         (lambda: deform(pyvista.Cube(), [0], [[0, 0, 0]]), InputError, r"pass its .triangulate\(\)"),
         (lambda: deform(PAIR, B, BC, refuse_unconstrained=True), InputError, "no handle.*leave --refuse"),
+        (lambda: deform(BODY.V, V=BODY.V, F=BODY.F, b=B, bc=BC), TypeError, "V"),
         (lambda: deform(BODY, B), TypeError, "a mesh and 1 more argument was given"),
         (lambda: deform(BODY.V, BODY.F, B), TypeError, "vertices and 2 more arguments"),
         (lambda: deform(TASK, B), TypeError, "a task has handles"),
@@ -174,21 +176,3 @@ def loses_a_vertex(task, **_):
 def test_what_does_not_fit_is_refused(call, error, words):
     with pytest.raises(error, match=words):
         call()
-
-
-def test_arrays_have_names():
-    mesh = bumpy(2)
-    b = np.array([0, 40, 80])
-    bc = mesh.V[b] + np.array([[0, 0, 0], [0.1, 0, 0], [0, 0, 0.2]])
-    expected = deform(mesh.V, mesh.F, b, bc)
-    for found in (
-        deform(V=mesh.V, F=mesh.F, b=b, bc=bc),
-        deform(bc=bc, b=b, F=mesh.F, V=mesh.V),
-        deform(mesh.V, mesh.F, b=b, bc=bc),
-        deform(mesh.V, mesh.F, b, bc=bc),
-        deform(mesh, b=b, bc=bc).V,
-    ):
-        np.testing.assert_array_equal(found, expected)
-    for call in (lambda: deform(), lambda: deform(mesh.V, V=mesh.V, F=mesh.F, b=b, bc=bc)):
-        with pytest.raises(TypeError):
-            call()
