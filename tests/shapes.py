@@ -183,12 +183,8 @@ def rotation(seed: int = 0) -> np.ndarray:
 
 def family() -> dict[str, Mesh]:
     """A mesh of each topology that the method keeps: sphere, genus 2, tube and disc."""
-    return {
-        "bumpy": bumpy(3),
-        "double torus": double_torus(cells=3),
-        "tube": jittered(tube(), 0.02),
-        "strip": jittered(strip(30, 5), 0.1),
-    }
+    found = {"bumpy": bumpy(3), "double torus": double_torus(cells=3)}
+    return {**found, "tube": jittered(tube(), 0.02), "strip": jittered(strip(30, 5), 0.1)}
 
 
 def end_handles(

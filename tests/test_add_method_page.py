@@ -50,11 +50,8 @@ def mine(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(mine)
     monkeypatch.delitem(sys.modules, "mymethod", raising=False)
     shutil.copy(*commands("cp")[0])
-    for name, text in zip(
-        ("mymethod.py", "conf/method/mymethod.yaml", "conf/method/myprogram.yaml"),
-        [*blocks("python"), *blocks("yaml")],
-        strict=True,
-    ):
+    files = ("mymethod.py", "conf/method/mymethod.yaml", "conf/method/myprogram.yaml")
+    for name, text in zip(files, [*blocks("python"), *blocks("yaml")], strict=True):
         assert f"`{name}`" in PAGE
         (mine / name).write_text(text)
     programs = tmp_path / "bin"

@@ -102,8 +102,7 @@ def test_the_cells_of_the_notebook_have_no_outputs_run_and_show_figures(here):
     assert all(cell["outputs"] == [] and cell["execution_count"] is None for cell in cells)
     names: dict[str, Any] = {}
     values = [run("".join(cell["source"]), names) for cell in cells]
-    assert [type(value).__name__ for value in values] == [
-        *("Mesh", "DeformationTask", "DeformationResult", "Figure", "Figure", "NoneType")
-    ]
+    kinds = ["Mesh", "DeformationTask", "DeformationResult", "Figure", "Figure", "NoneType"]
+    assert [type(value).__name__ for value in values] == kinds
     assert all("<iframe" in value._repr_html_() for value in values[:-1])
     assert (here / "distance.html").stat().st_size > 200_000 and names["distance"].mean() < 5

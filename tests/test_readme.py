@@ -24,9 +24,7 @@ from tests.robustness.case import run
 
 ROOT = Path(__file__).parents[1]
 NAMES = ["README.md", "docs/start.md", "docs/tracks.md", "results/README.md", "Makefile", "pyproject.toml"]
-README, START, LIST, RESULTS, MAKEFILE, PROJECT = (
-    (ROOT / name).read_text(encoding="utf-8") for name in NAMES
-)
+README, START, LIST, RESULTS, MAKEFILE, PROJECT = ((ROOT / name).read_text("utf-8") for name in NAMES)
 PAGES = (README, START)
 EXTRAS = {*tomllib.loads(PROJECT)["project"]["optional-dependencies"]}
 
@@ -101,9 +99,8 @@ def blocks(page: str, language: str = "") -> list[str]:
 
 def edit(line: str, **options: Any) -> None:
     """Start the editor and end it when its page answers."""
-    with subprocess.Popen(
-        shlex.split(f"{line} --no-browser"), stdout=subprocess.PIPE, text=True, **options
-    ) as run:
+    words = shlex.split(f"{line} --no-browser")
+    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True, **options) as run:
         with urlopen(run.stdout.readline().strip()) as answer:
             assert b"<title>sshade" in answer.read()
         run.terminate()

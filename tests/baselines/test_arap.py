@@ -22,8 +22,8 @@ from sshade.solver.laplacian import edge_weights, half_cotangents, laplacian_mat
 from tests.shapes import block, bumpy, folded, held_ends, icosphere, jittered, rotation, strip, tube
 
 ENERGIES = {
-    "spokes": igl.ARAPEnergyType.ARAP_ENERGY_TYPE_SPOKES,
-    "spokes_and_rims": igl.ARAPEnergyType.ARAP_ENERGY_TYPE_SPOKES_AND_RIMS,
+    name: getattr(igl.ARAPEnergyType, f"ARAP_ENERGY_TYPE_{name.upper()}")
+    for name in ("spokes", "spokes_and_rims")
 }
 
 
@@ -154,9 +154,7 @@ ROOT = Path(__file__).parents[2]
 TARGETS = {
     target
     for path in (ROOT / "conf/method").rglob("*.yaml")
-    if (target := yaml.safe_load(path.read_text(encoding="utf-8")).get("_target_", "")).startswith(
-        "baselines."
-    )
+    if (target := yaml.safe_load(path.read_text("utf-8")).get("_target_", "")).startswith("baselines.")
 }
 
 

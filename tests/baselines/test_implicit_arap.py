@@ -55,11 +55,7 @@ def of_the_paper(P, triangles, R, images):
     return total
 
 
-@pytest.mark.parametrize(
-    ("weights", "literal"),
-    [("authors", of_the_authors), ("cotangents", of_the_paper)],
-    ids=["authors", "cotangents"],
-)
+@pytest.mark.parametrize(("weights", "literal"), [("authors", of_the_authors), ("cotangents", of_the_paper)])
 def test_the_energy_of_a_patch_is_that_of_the_loops(weights, literal):
     P, triangles = planar_patch()
     rng = np.random.default_rng(4)

@@ -19,6 +19,10 @@ SMALL = {"sdf": "grid", "grid_size": 32, "width": 48, "layers": 3, "steps": 60, 
 SMALL |= {"surface_patches": 80, "space_patches": 40, "patch_points": 12, "projections": 2}
 
 
+def random():
+    return {"generator": generator(), "weights": generator()}
+
+
 def generator(seed=0):
     return torch.Generator().manual_seed(seed)
 
@@ -37,20 +41,11 @@ def test_euler_angles_compose_x_then_y_then_z():
 def test_fitted_network_approaches_the_distance():
     sphere = icosphere(3)
     surface = ImplicitSurface.of(0.7 * sphere.V, sphere.F, device=CPU)
-    settings = {
-        "width": 32,
-        "layers": 4,
-        "frequencies": 2,
-        "points": 256,
-        "learning_rate": 1e-3,
-        "progress": silent,
-    }
+    settings = {"width": 32, "layers": 4, "frequencies": 2, "points": 256, "learning_rate": 1e-3}
     x = 0.7 * torch.nn.functional.normalize(torch.rand(300, 3, generator=generator(1)) - 0.5, dim=-1)
 
     def off_surface(steps):
-        sdf, loss = fit_network_sdf(
-            surface, steps=steps, generator=generator(), weights=generator(), **settings
-        )
+        sdf, loss = fit_network_sdf(surface, steps=steps, **settings, **random(), progress=silent)
         assert np.isfinite(loss)
         return sdf, sdf(x).abs().mean()
 

@@ -29,21 +29,15 @@ CLOSE_LEARNED = 2e-2
 AXIS_DEPENDENT = {
     "paper": 3e-3,
     "paper_plain": 3e-3,
-    "implicit_arap_cpu": 6e-2,
-    "implicit_arap_paper": 6e-2,
     "peer/lattice_arap": 1e-2,
+    **dict.fromkeys(LEARNED, 6e-2),
 }
 
 #: Maximum errors of methods on tetrahedra. fTetWild fills a turned mesh with other tetrahedra; even a second
 #: run on the same mesh would give other tetrahedra. The values are three times the errors that were measured
 #: with tetrahedra as coarse as here.
-OTHER_TETRAHEDRA = {
-    "peer/bbw": 4e-3,
-    "peer/biharmonic_coordinates": 4e-2,
-    "peer/tetrahedral_arap": 1e-2,
-    "peer/slim": 1e-2,
-    "peer/neo_hookean": 1e-2,
-}
+OTHER_TETRAHEDRA = {f"peer/{name}": 1e-2 for name in ("tetrahedral_arap", "slim", "neo_hookean")}
+OTHER_TETRAHEDRA |= {"peer/bbw": 4e-3, "peer/biharmonic_coordinates": 4e-2}
 
 #: Maximum error of a transfer. If a vertex is equally near to two triangles of the proxy, rounding decides
 #: which triangle the vertex follows.

@@ -38,6 +38,4 @@ def dataset(finished, tmp_path):
 @pytest.fixture
 def refused():
     """Assert that `defaust build` refuses arguments in one sentence that contains a message."""
-    return lambda arguments, message: check_refusal(
-        run(shlex.join(["defaust", "build", *arguments])), message
-    )
+    return lambda words, message: check_refusal(run(shlex.join(["defaust", "build", *words])), message)

@@ -79,9 +79,8 @@ def test_a_killed_build_is_resumed(finished, tmp_path, monkeypatch):
         build(Balls(), out, options=OPTIONS, workers=1)
     with pytest.raises(InputError, match="not a finished DeFAUST folder.*same defaust build again"):
         read_dataset(out)
-    monkeypatch.setattr(
-        module, "build_subject", lambda *args, **kw: built.append(kw["subject"]) or original(*args, **kw)
-    )
+    kept = lambda *args, **kw: built.append(kw["subject"]) or original(*args, **kw)  # noqa: E731
+    monkeypatch.setattr(module, "build_subject", kept)
     build(Balls(), out, options=OPTIONS, workers=1)
     assert built == [1, 2] and contents(out) == contents(finished)
 

@@ -22,17 +22,15 @@ METHODS = ("elastic", "near", "far")
 EDGE = Column("edge", "%", "metric.edge", 2)
 
 
+def meta(subject, pose):
+    return {"task__meta__subject": subject, "task__meta__source_pose": f"pose {pose}"}
+
+
 def on_cases(method, values):
     """Return rows of a method with a measure in each pose (column) of each subject (line)."""
     return [
-        row(
-            method,
-            f"bodies/subject_{subject}/pose_{pose}",
-            task__meta__subject=subject,
-            task__meta__source_pose=f"pose {pose}",
-            metric__edge=value,
-        )
-        for (subject, pose), value in np.ndenumerate(np.asarray(values, dtype=float))
+        row(method, f"bodies/subject_{s}/pose_{p}", **meta(s, p), metric__edge=value)
+        for (s, p), value in np.ndenumerate(np.asarray(values, dtype=float))
     ]
 
 

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from eval_rows import frame, row
+from eval_rows import frame, lost, row
 
 from eval.main import call
 from eval.rows.collect import Experiment, read_experiments
@@ -51,13 +51,7 @@ def test_a_damaged_row_is_left_out_with_a_note(here, capfd):
 
 
 def test_cases_of_an_experiment():
-    one = [
-        row("arap"),
-        row("arap", seed=1),
-        row("paper"),
-        row("paper", "t2", status="failed"),
-        row("b", "t2"),
-    ]
+    one = [row("arap"), row("arap", seed=1), row("paper"), lost("paper", "t2"), row("b", "t2")]
     low = row("arap", task__checksum="low", task__vertices=100)
     cases = Experiment("tiny", frame(*one, low), Path()).cases()
     told = [[(r["task.name"], r["task.vertices"], r["method.name"]) for r in case] for case in cases]

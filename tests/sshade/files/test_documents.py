@@ -126,11 +126,8 @@ def test_a_ply_of_whole_numbers_is_written_with_doubles(here, kind):
     """Floating-point normals of the faces do not hide whole normals of the vertices."""
     whole, sound = columns("char", "nx ny nz", [[0, 0, 127]] * 3), columns("float", "nx ny nz", [[0, 0, 1]])
     V, F = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]]), [[0, 1, 2]]
-    content = {
-        "position": mesh_ply(V, F, "", "int", face=sound),
-        "normal": mesh_ply(V, F, "", vertex=whole, face=sound),
-    }
-    Path("a.ply").write_bytes(content[kind])
+    given = {"kind": "int"} if kind == "position" else {"vertex": whole}
+    Path("a.ply").write_bytes(mesh_ply(V, F, "", **given, face=sound))
     assert "face normals" in read_file("a.ply").lost("b.ply")
     rewritten(Path("a.ply"), V + 0.25)
     assert np.array_equal(read_arrays("out.ply")[0], V + 0.25)

@@ -33,12 +33,8 @@ def distances(V: np.ndarray, proxy: Mesh, on: Projection) -> np.ndarray:
     return np.linalg.norm(V - points, axis=1)
 
 
-MESHES = {
-    "bumpy": bumpy(2),
-    "double torus": double_torus(),
-    "tube": jittered(tube(8, 20), 0.05),
-    "strip": jittered(strip(15, 4), 0.2),
-}
+MESHES = {"tube": jittered(tube(8, 20), 0.05), "strip": jittered(strip(15, 4), 0.2)}
+MESHES |= {"bumpy": bumpy(2), "double torus": double_torus()}
 
 
 @pytest.fixture(scope="module", params=MESHES)

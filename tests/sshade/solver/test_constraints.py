@@ -269,11 +269,8 @@ def test_an_area_out_of_reach_is_said_to_be_and_weighted(name, accelerate):
 
 TURNED = np.array(bumpy(1).F)
 TURNED[7] = TURNED[7, ::-1]
-WITHOUT_VOLUME = {
-    "boundary": STRIP.mesh,
-    "orientation": Mesh(bumpy(1).V, TURNED),
-    "flat": Mesh(bumpy(1).V * [1, 1, 0], bumpy(1).F),
-}
+WITHOUT_VOLUME = {"boundary": STRIP.mesh, "orientation": Mesh(bumpy(1).V, TURNED)}
+WITHOUT_VOLUME["flat"] = Mesh(bumpy(1).V * [1, 1, 0], bumpy(1).F)
 
 
 @pytest.mark.parametrize("reason", WITHOUT_VOLUME)

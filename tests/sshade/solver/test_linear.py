@@ -91,12 +91,8 @@ def test_without_a_factorisation_the_minimum_and_the_test_that_ends_are_the_same
     # An exact step from the result is as short as the last residual, up to the error of conjugate gradients.
     own = task.handles
     solver = Solver(task.mesh, own.index, stiffness=own.stiffness, **options)
-    step = solver.solve(
-        Aim(own.target),
-        start=cycles.vertices,
-        rotations=cycles.extra["rotations"],
-        **{"tolerance": 0, "max_iterations": 1, "accelerate": False},
-    )
+    there = {"start": cycles.vertices, "rotations": cycles.extra["rotations"], "accelerate": False}
+    step = solver.solve(Aim(own.target), **there, tolerance=0, max_iterations=1)
     assert step.residual < 1.1e-6
 
 
