@@ -39,6 +39,7 @@ def test_a_row_holds_everything(task, tmp_path):
     outcome = run(task, noted, name="arap", root=tmp_path, seed=4, source=source)
     row = read_row(outcome.folder)
     assert row == outcome.row and not outcome.found and not outcome.failed
+    assert np.load(outcome.folder / "vertices.npy").dtype == np.float32
     assert row["status"] == "not_converged" and row["converged"] is False and row["iterations"] == 5
     assert row["method.name"] == "arap" and row["method.max_iterations"] == 5 and row["seed"] == 4
     assert row["method.target"] == "baselines.arap.arap" and row["method.note"] == "after the paper"

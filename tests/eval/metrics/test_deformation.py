@@ -49,6 +49,15 @@ def test_flips_face_by_face():
     assert measure(task(Mesh(moved, mesh.F)), moved)["flips"] == 0
 
 
+def test_a_fold_through_flat_changes_by_the_small_angle():
+    """From 170 degrees to -170 degrees, which is 20 degrees and not 340."""
+    a, b = np.radians([170, -170])
+    V = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, -np.cos(a), np.sin(a)]])
+    mesh = Mesh(V, np.array([[0, 1, 2], [1, 0, 3]]))
+    moved = np.array([*V[:3], [0, -np.cos(b), np.sin(b)]])
+    assert measure(task(mesh), moved)["bend"] == pytest.approx(20)
+
+
 @pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
 def test_a_rigid_motion_is_no_deformation(scale):
     mesh = bumpy()

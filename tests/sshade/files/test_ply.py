@@ -124,13 +124,14 @@ def test_further_values_on_lines_of_a_text_stay(here, end, mark):
     assert Path("b.ply").read_bytes() == moved.encode()
 
 
+@pytest.mark.parametrize("rows", [[[0, 1, 3, 2, 2, 4, -1, 4, 1, 0]], [[0, 1, 3, 2, 2, 4], [4, 1, 0]]])
 @pytest.mark.parametrize("order", ["", ">"])
-def test_triangle_strips_of_scans(here, order):
-    """Two strips in a row, the first with a repeated vertex, behind a face that has a normal."""
+def test_triangle_strips_of_scans(here, order, rows):
+    """Two strips, the first with a repeated vertex, behind a face that has a normal."""
     elements = {
         "vertex": columns("float", "x y z", SQUARE),
         "face": [("vertex_indices", "uchar int", [(0, 1, 2)]), *columns("float", "nx ny nz", [[0, 0, 1]])],
-        "tristrips": [("vertex_indices", "int int", [[0, 1, 3, 2, 2, 4, -1, 4, 1, 0]])],
+        "tristrips": [("vertex_indices", "int int", rows)],
     }
     file = stored(ply(order, elements))
     assert file.F.tolist() == [[0, 1, 2], [0, 1, 3], [2, 3, 1], [4, 1, 0]]

@@ -1,8 +1,11 @@
+import weakref
+
 import numpy as np
 import pytest
 
 from baselines.accelerated import local_global
 from sshade import DeformationTask, Handles, Mesh
+from sshade.method import polish
 from sshade.problem.options import PRESETS, SOLVER
 from sshade.regions.handle_regions import edge_vertices
 from tests.shapes import bumpy, end_handles
@@ -47,6 +50,19 @@ def test_fine_ends_in_the_minimum_at_full_resolution(task, volume):
     assert result.converged and plain.converged
     assert result.facts.energy == pytest.approx(plain.extra["energy"], rel=1e-5)
     assert np.abs(result.vertices - plain.vertices).max() < 1e-3 * task.mesh.diagonal
+
+
+def test_a_polish_frees_the_result_of_the_proxy(task, monkeypatch):
+    def solved(*given, start, **options):
+        rest, last = start.copy(), weakref.ref(start)
+        del start
+        left.append(last())
+        return solve(*given, start=rest, **options)
+
+    left, solve = [], polish.solve
+    monkeypatch.setattr(polish, "solve", solved)
+    fine(task, vertices=100, polish_iterations=1)
+    assert left[0] is None
 
 
 @pytest.mark.parametrize("most", [50, 0])

@@ -80,12 +80,13 @@ def test_the_guide_decides_unless_another_start_ends_clearly_lower(monkeypatch, 
     far = np.array([3.0, 0.0, 0.0])
     begun = []
 
-    def solver(system, aim, options, *, start, softened=False, **_):
+    def solver(system, aim, options, *, start, stop, softened=False, **_):
         mesh = system.mesh
         if options.attachment == options.guide_attachment:
             return Solution(mesh.V + far, None, 1, True)
         own = not softened and np.median(np.linalg.norm(start - mesh.V, axis=1)) < 1
         begun.append((mesh.n, own))
+        assert stop.tolerance == (1 if mesh is task.mesh else 10) * OPTIONS.stop.tolerance
         return Solution(mesh.V if own else start, None, 1, True, energy=ratio if own else 1.0)
 
     monkeypatch.setattr(proxy_solver, "solve", solver)

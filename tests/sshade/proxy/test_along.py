@@ -1,5 +1,7 @@
 """Other meshes move along with a mesh: rigidly with rigid motions, closely near it, and without tears."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -77,6 +79,16 @@ def test_more_vertices_than_samples_and_more_points_than_a_part_are_the_same_as_
     moved = move_along(fine, DeformationResult(posed, 1, True), X)
     assert np.array_equal(move_along(fine, posed, X[-7:]), moved[-7:])
     assert abs(moved[: fine.n] - posed).max() < 0.005 * fine.diagonal
+
+
+def test_memory_grows_little_with_the_number_of_points():
+    X, peaks = np.tile(around(), (150, 1)), []
+    for count in (10_000, 10_000, 60_000):  # the first call loads kernels
+        tracemalloc.start()
+        move_along(BALL, BALL.V, X[:count])
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[2] < 2 * peaks[1]
 
 
 def test_no_point_is_allowed_and_one_as_far_from_all_samples_moves_with_their_mean():

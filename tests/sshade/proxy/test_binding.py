@@ -29,6 +29,13 @@ def test_an_undeformed_and_a_rigidly_moved_proxy_carry_the_mesh_exactly(name, ki
             assert np.abs(V - (mesh.V @ R.T + t)).max() <= ROUNDING * mesh.diagonal
 
 
+def test_a_mesh_far_from_the_origin_is_bound_as_near_it():
+    mesh = Mesh(np.round(BUMPY.V * 2**20) / 2**20, BUMPY.F)
+    near, far = bind(mesh, 80), bind(Mesh(mesh.V + 2.0**30, mesh.F), 80)
+    assert np.array_equal(near.projection.face, far.projection.face)
+    np.testing.assert_allclose(near.projection.barycentric, far.projection.barycentric, atol=1e-12)
+
+
 def test_a_linear_function_on_the_proxy_has_its_values_at_the_projections():
     binding = bind(BUMPY, 80)
     linear = binding.proxy.V @ np.arange(6.0).reshape(3, 2) + [1, -2]

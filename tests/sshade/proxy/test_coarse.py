@@ -1,3 +1,5 @@
+from unittest.mock import Mock
+
 import numpy as np
 import pytest
 
@@ -58,6 +60,12 @@ def test_cells_are_exact_and_the_second_half_is_farthest(name, count):
     exact = farthest_point_sampling(graph, count, first=first)
     assert found.distance.max() <= 1.25 * exact.distance.max()
     assert found.distance.mean() <= 1.08 * exact.distance.mean()
+
+
+def test_a_mesh_of_a_third_of_a_million_vertices_is_sampled_from_coarse_to_fine(monkeypatch):
+    monkeypatch.setattr(coarse, "sample_coarsely", Mock(side_effect=InterruptedError))
+    with pytest.raises(InterruptedError):
+        sample_proxy(strip(600, 550), 10)
 
 
 def test_crumpled_surfaces_get_a_finer_net(monkeypatch):

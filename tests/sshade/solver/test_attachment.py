@@ -97,6 +97,13 @@ def test_a_prescribed_rotation_attaches_to_a_single_handle():
     assert np.allclose(R, TURN, atol=1e-9) and np.allclose(R @ BAR.V[index[0]] + t, goal[0], atol=1e-9)
 
 
+def test_of_several_prescribed_rotations_the_first_decides():
+    index = patch(BAR, [0, 1, BAR.V[:, 2].max()], 4)
+    turns = np.stack([np.full((3, 3), np.nan), TURN, rotation(1), rotation(2)])
+    pulled = attached(BAR, Handles(index, BAR.V[index] @ TURN.T, rotation=turns), 0.1)
+    assert np.allclose(rigid_motion(BAR.V[pulled.vertex[4:]], pulled.target[4:])[0], TURN, atol=1e-9)
+
+
 def test_handles_of_one_group_that_are_far_apart_move_apart():
     apart, pulled = two_patches(BAR), attached(BAR, two_patches(BAR), 0.1)
     ends = np.ptp(BAR.V[:, 2])

@@ -1,6 +1,7 @@
 """Solves that follow moving targets find the minimum of a new solve, without effects of earlier targets."""
 
 from dataclasses import replace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from sshade.problem.options import Options
 from sshade.problem.stop import Stop
 from sshade.solver.aim import Aim
 from sshade.solver.attachment import Attachment
+from sshade.solver.descent import Descent
 from sshade.solver.drag import LEAST, Drag
 from tests.shapes import tube
 from tests.sshade.solver.solver import Solver
@@ -46,10 +48,12 @@ def begun(solver: Solver, attachment: Attachment) -> Drag:
     return Drag(solver.system, BAR.V, still, at(attachment, 0.0), Options(**ENERGY))
 
 
-def test_steps_end_in_the_minimum_that_a_solve_from_there_finds(solver, attachment):
-    following = begun(solver, attachment)
+def test_steps_end_in_the_minimum_that_a_solve_from_there_finds(solver, attachment, monkeypatch):
+    following, renewed = begun(solver, attachment), Mock(wraps=Descent.project)
+    monkeypatch.setattr(Descent, "project", lambda state: renewed(state))
     for angle in np.linspace(0.02, 0.4, 20):
         last = following.solve(at(attachment, angle), Stop(1e-4))
+    assert renewed.call_count <= 1  # directions of constraints last from step to step
     assert last.iterations == LEAST  # the last move is repeated
     end = following.solve(at(attachment, 0.4), Stop(1e-9))
     anew = solver.solve(at(attachment, 0.4), start=last.positions, tolerance=1e-9, **ENERGY)

@@ -7,7 +7,9 @@ from scipy.spatial.transform import Rotation
 
 from baselines.accelerated import local_global
 from sshade import DeformationTask, Handles, InputError
+from sshade.core.threads import ThreadTeam
 from sshade.mesh.rotations import fit_rotations
+from sshade.solver import local_global as module
 from sshade.solver.aim import Aim
 from sshade.solver.laplacian import edge_weights, half_cotangents, laplacian_matrix
 from sshade.solver.run import largest_move
@@ -204,8 +206,10 @@ def test_ranges_and_workers_change_no_bit(monkeypatch, energy, options):
     task, options = TASKS["bar"], {"max_iterations": 12, "tolerance": 0, **options}
     whole = solver_of(task, energy, thickness=1.0).solve(Aim(task.handles.target), **options)
     monkeypatch.setattr("sshade.solver.laplacian.CHUNK", 30)
-    solver = solver_of(task, energy, thickness=1.0)
+    solver, teams = solver_of(task, energy, thickness=1.0), []
+    monkeypatch.setattr(module, "ThreadTeam", lambda count: teams.append(count) or ThreadTeam(count))
     parts = [solver.solve(Aim(task.handles.target), workers=workers, **options) for workers in (1, 2, 3)]
+    assert teams == [1, 2, 3]
     for part in parts:
         assert np.array_equal(part.positions, whole.positions)
         assert np.array_equal(part.rotations, whole.rotations)

@@ -30,9 +30,10 @@ def updated(H: np.ndarray, s: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize(("single", "close"), [(False, 1e-8), (True, 1e-4)])
 @pytest.mark.parametrize("window", [1, 3, 20])
-def test_steps_are_those_of_the_bfgs_formula_from_the_metric_on(window, single, close):
+@pytest.mark.parametrize("unit", [1.0, 1e25, 1e-25])
+def test_steps_are_those_of_the_bfgs_formula_from_the_metric_on(unit, window, single, close):
     rng, L, A = problem(window)
-    U, mixer = rng.normal(size=(9, N, 3)), QuasiNewton(N, window, unit=3.0, single=single)
+    U, mixer = unit * rng.normal(size=(9, N, 3)), QuasiNewton(N, window, unit=3 * unit, single=single)
     gradients = [A @ u.ravel() for u in U]
     for k in range(len(U)):
         H = np.kron(np.linalg.inv(L), np.eye(3))
@@ -46,7 +47,7 @@ def test_steps_are_those_of_the_bfgs_formula_from_the_metric_on(window, single, 
         expected = U[k] - (H @ gradients[k]).reshape(N, 3)
         assert np.abs(u - expected).max() < close * np.abs(expected).max()
     mixer.move(u, 0.5)
-    assert u == pytest.approx((U[-1] + expected) / 2, rel=close, abs=close)
+    assert u == pytest.approx((U[-1] + expected) / 2, rel=close, abs=close * unit)
 
 
 def test_a_large_problem_goes_block_by_block():

@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from baselines.accelerated import local_global
 from sshade import DeformationTask, Handles, InputError, Mesh
+from sshade.solver.aim import initial_guess
 from tests.shapes import bumpy, moved_parts, rotation
 from tests.sshade.naive import Naive, vertex_areas
 
@@ -54,6 +56,16 @@ def test_the_minimum_is_stationary_in_an_energy_of_its_own(kind, held):
     # Without the pull, the shape is no minimum: the spring of a soft handle has a force.
     k, target = task.handles.stiffness[8], task.handles.target[8]
     assert np.linalg.norm(2 * k * (P[task.handles.index[8]] - target)) > 0.01
+
+
+def test_a_rigid_start_fits_soft_handles_by_their_weights():
+    own = task_of(BODY).handles
+    index, target = own.index, own.target + np.eye(3)[own.index % 3]
+    task = DeformationTask("soft", BODY, Handles(index, target, group=own.group, weight=1.0 + index % 7))
+    start, weights = initial_guess(task, "rigid"), task.handles.stiffness
+    rest, goal = (X - np.average(X, axis=0, weights=weights) for X in (BODY.V[index], target))
+    turn = Rotation.align_vectors(goal, rest, weights=weights)[0]
+    np.testing.assert_allclose(start - start[0], turn.apply(BODY.V - BODY.V[0]), atol=1e-9)
 
 
 def test_weights_near_0_leave_no_definite_matrix():
