@@ -12,7 +12,7 @@ from eval.publish import figures, panels
 from eval.publish.figures import chart_of, of_one_error, read_cases, time_and_truth
 from eval.publish.panels import Case
 from eval.rows.collect import Experiment
-from eval.rows.frame import read_csv
+from eval.rows.frame import read_csv, records
 from eval.rows.store import read_row, run_folders
 from sshade import InputError
 
@@ -26,6 +26,9 @@ def test_cases_come_from_the_run_folders(experiment):
     every = ["arap", "learned", "stretching"]
     cases = read_cases(experiment, names=[], methods=[])
     assert {case.task.name: list(case.results) for case in cases} == {"bumpy_10": every, "bumpy_40": every}
+    row = next(one for one in records(experiment.rows) if one["method.name"] == "arap")
+    assert experiment.vertices(row) is not None
+    assert experiment.vertices(row | {"date": "2020-01-01"}) is None  # another run of the same key
     only = read_cases(experiment, names=["bumpy_40"], methods=["stretching"])
     assert only[0].results["stretching"] == pytest.approx(1.5 * only[0].task.mesh.V, rel=1e-6)
 

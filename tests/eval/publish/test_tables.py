@@ -136,6 +136,18 @@ def test_means_ranks_and_worst_cases_are_over_the_cases_that_all_have():
     assert worst.means["volume"].tolist() == [2.0, 3.0] and worst.places.isna().all(axis=None)
 
 
+def test_of_a_method_with_few_cases_the_most_frequent_failure_is_shown():
+    few = on("c", [1.0, 1.0], status="not_converged")
+    rows = [
+        *on("a", [2.0] * 5),
+        *on("b", [3.0] * 5),
+        *few,
+        lost("c", "t2"),
+        lost("c", "t3", status="timeout"),
+    ]
+    assert table_of(*rows).lines.loc["c", ["outcome", "competes"]].tolist() == ["failed", False]
+
+
 def test_a_result_without_a_measure_has_no_mean_of_the_others():
     rows = [*on("a", [2.0, 2.0, 2.0, 2.0, 50.0]), *on("b", [3.0] * 5)]
     rows[-1]["metric.volume"] = None  # of the worst case of a
@@ -163,6 +175,7 @@ def test_the_smaller_numbers_have_the_first_rank_in_every_column_with_ranks():
 def test_a_case_counts_with_the_mean_over_its_seeds_and_the_spread_is_shown():
     volumes = {("t0", 0): 1.0, ("t0", 1): 3.0, ("t1", 0): 5.0, ("t1", 1): 9.0}
     seeded = [row("s", task, seed=seed, metric__volume=v) for (task, seed), v in volumes.items()]
+    seeded.append(row("s", "t0", seed=2, metric__volume=2.0))  # one case alone: no spread over the cases
     plain = on("a", [3.0, 3.0])
     table = table_of(*seeded, *plain)
     assert table.means["volume"].to_dict() == {"a": 3.0, "s": 4.5}
