@@ -124,7 +124,7 @@ def test_further_values_on_lines_of_a_text_stay(here, end, mark):
     assert Path("b.ply").read_bytes() == moved.encode()
 
 
-@pytest.mark.parametrize("rows", [[[0, 1, 3, 2, 2, 4, -1, 4, 1, 0]], [[0, 1, 3, 2, 2, 4], [4, 1, 0]]])
+@pytest.mark.parametrize("rows", [[[0, 1, 3, 2, 2, 4, -1, 4, 1, 0]], [[0, 1, 3, 2, 2], [4, 1, 0, 0, 0]]])
 @pytest.mark.parametrize("order", ["", ">"])
 def test_triangle_strips_of_scans(here, order, rows):
     """Two strips, the first with a repeated vertex, behind a face that has a normal."""
