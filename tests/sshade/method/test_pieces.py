@@ -6,6 +6,7 @@ Other tests check components without handles and the division of the proxy verti
 import logging
 from dataclasses import replace
 from functools import partial
+from itertools import count
 
 import numpy as np
 import pytest
@@ -13,8 +14,9 @@ from scipy.spatial.distance import pdist
 
 from baselines.arap import elastic
 from sshade import DeformationResult, DeformationTask, Handles, InputError, Mesh
+from sshade.method.assembly import Components
 from tests.shapes import QUARTER, beside, bumpy, end_handles, of_all, rotation, shifted, strip
-from tests.sshade.mesh.test_cutting import klein_bottle, moebius, t_fin
+from tests.sshade.mesh.test_cutting import klein_bottle, moebius, t_fin, with_fin
 from tests.sshade.method.calls import fast, fine, paper
 
 BODY = bumpy(2)
@@ -142,6 +144,23 @@ def test_sides_in_different_minima_meet_from_their_mean(monkeypatch):
     result = deformed(mesh, Handles([2, 7], mesh.V[[2, 7]] * 1.1), paper)
     assert guesses[0] is None and np.allclose(guesses[1], np.tile(mesh.V, (2, 1)) + [1, 0, 0])
     assert np.array_equal(result.vertices, mesh.V) and result.facts.side_gap == 0
+
+
+def test_components_go_by_size_and_the_largest_gap_of_all_is_told(monkeypatch):
+    """The second of three pieces misses the first one by 0.3."""
+    sizes = [shifted(Mesh(size * BODY.V, BODY.F), [9 * k, 0, 0]) for k, size in enumerate((1.0, 3.0, 2.0))]
+    assert Components(beside(*sizes), BODY.n * np.arange(3)).order == [1, 2, 0]
+    mesh, calls = strip(10, 4), count()
+    for row in (1, 3):
+        mesh = with_fin(mesh, 5 * np.arange(11) + row, np.outer([1, 2], [0, 0, 1]))
+
+    def missing(piece, task, **_):
+        shift = [0.3 * (next(calls) == 1), 0, 0]
+        return DeformationResult(piece.mesh.V + shift, iterations=1, converged=True)
+
+    monkeypatch.setattr("sshade.method.piece.Piece.deform", missing)
+    result = deformed(mesh, Handles([0, 54], mesh.V[[0, 54]]), paper)
+    assert result.facts.gap * mesh.diagonal == pytest.approx(0.3)
 
 
 @pytest.mark.parametrize("method", [fast, fine, paper])

@@ -103,6 +103,16 @@ def test_a_ring_divides_the_mesh():
     np.testing.assert_array_equal(V[own.index], own.target)
 
 
+def test_a_hard_handle_among_soft_ones_is_a_sample():
+    mesh = bumpy(4)
+    index = np.argsort(mesh.V[:, 2])[: mesh.n // 2]
+    weight = np.where(np.arange(len(index)) == 0, np.inf, 1.0)  # the lowest vertex, far from the edge
+    regions = HandleRegions(
+        mesh, Handles(index, mesh.V[index], weight=weight), vertices=300, graph=vertex_graph(mesh)
+    )
+    assert regions.regional and index[0] in regions.first
+
+
 def test_a_bound_mesh_without_free_vertices_returns_the_targets():
     mesh = bumpy(2)
     V = 2.0 * mesh.V

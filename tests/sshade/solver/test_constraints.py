@@ -226,6 +226,17 @@ def test_the_corrected_energy_depends_on_small_errors_to_second_order(weights):
     assert corrected == pytest.approx(4 * half, rel=0.05)
 
 
+def test_a_constraint_that_yields_needs_no_correction():
+    system = System(BAR.mesh, BAR.handles.index)
+    u = system.to_system(BAR.mesh.V, BAR.handles.target)
+    state = Descent(system, Options(volume=inf), u, team=ThreadTeam(1), window=5)
+    state.aim(Aim(BAR.handles.target, volume_goal=1.3, pressure=(1e-3, inf)))
+    state.begin(1e-6)
+    run(state, Stop(1e-6))
+    assert state.constraints.yields.all() and state.constraints.penalty(state.u) > 0
+    assert state.constraints.correction == 0
+
+
 # --- weights
 
 

@@ -50,6 +50,20 @@ def test_steps_are_those_of_the_bfgs_formula_from_the_metric_on(unit, window, si
     assert u == pytest.approx((U[-1] + expected) / 2, rel=close, abs=close * unit)
 
 
+def test_after_a_direction_that_does_not_descend_earlier_pairs_are_forgotten():
+    rng, L, A = problem(5)
+    U, old, new = rng.normal(size=(7, N, 3)), QuasiNewton(N, 3), QuasiNewton(N, 3)
+    for k, u in enumerate(U):
+        g = plain(u, L, A)
+        product = L @ (g - u) * (-1 if k == 4 else 1)
+        if k < 4:
+            old.advance(u.copy(), g.copy(), product)
+            continue
+        one, other = u.copy(), u.copy()
+        descends = [old.advance(one, g.copy(), product), new.advance(other, g.copy(), product)]
+        assert descends == [k == 6] * 2 and np.array_equal(one, other)
+
+
 def test_a_large_problem_goes_block_by_block():
     n = 1500  # 4500 numbers: four blocks and a part
     rng = np.random.default_rng(0)
