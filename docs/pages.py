@@ -212,8 +212,7 @@ def caption_notes(text: str) -> list[str]:
         half = next((HALVES[word] for note in notes for word in HALVES if note.startswith(word)), "cases")
         chosen = [re.sub("; means over all [^.]*", "", cases.replace("cases", half, 1))]
         chosen += re.findall(r"Of an older version than today's code: [^.]*\.", text)
-    chosen += ["No ranks: too few subjects or poses." for note in notes if note.startswith("No ranks")]
-    return chosen + [re.sub(r" \(.*", ".", note) for note in notes if note.startswith("Warning")]
+    return chosen + ["No ranks: too few subjects or poses." for note in notes if note.startswith("No ranks")]
 
 
 def line_of_rows(line: str, folder: Path) -> str:

@@ -99,7 +99,8 @@ def run(config: RunConfig, *, jobs: int = 1, progress: Progress = silent) -> Out
         done = attempt(config.method, copied, seed=config.seed, progress=progress)
     task = with_truth(task, config.source)
     done = _measured(done, task, progress)
-    row |= meta_facts(task) | done.facts
+    given_settings = {name: row[name] for name in row if name.startswith("method.") and row[name] is not None}
+    row |= meta_facts(task) | done.facts | given_settings
     write_run(folder, row, vertices=done.vertices)
     _store_true_pose(row, config, jobs=jobs, progress=progress)
     return Outcome(row, folder)

@@ -119,7 +119,9 @@ def killed(task, *, seed: int, progress=silent) -> DeformationResult:
     os.kill(os.getpid(), signal.SIGKILL)
 
 
-def with_options(task, *, vertices: int | None = None, seed: int, progress=silent) -> DeformationResult:
+def with_options(
+    task, *, vertices: int | None = None, volume: float = 0.0, seed: int, progress=silent
+) -> DeformationResult:
     """A method that reports its resolved options."""
     options = {"vertices": vertices or 1000, "volume": np.inf, "frames": "blended", "seed": seed}
     return DeformationResult(task.mesh.V, iterations=0, converged=None, extra={"options": options})

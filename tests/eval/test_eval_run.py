@@ -78,6 +78,8 @@ def test_what_a_method_tells_reaches_the_row_but_neither_arrays_nor_infinities_n
     row = run(task, method, name="o", root=tmp_path).row
     assert (row["method.vertices"], row["method.volume"], row["method.frames"]) == (1000, np.inf, "blended")
     assert row["seed"] == 0 and not {"extra.options", "method.seed"} & row.keys()
+    row = run(task, method | {"volume": 0.5}, name="p", root=tmp_path).row
+    assert row["method.volume"] == 0.5  # not what the method tells
 
 
 def test_the_clock_runs_around_the_method_only(task, tmp_path, monkeypatch):
