@@ -29,8 +29,6 @@ from sshade import DeformationTask, Handles, Mesh, deform
 from sshade.plotting.pictures import View
 
 FIGURES, DATA = Path(__file__).with_name("figures"), Path(__file__).parents[1] / "data"
-#: Width of a shape in pixels.
-WIDTH = 200
 #: In place of the largest bend of the scale of colours: no colours.
 PLAIN = 0.0
 #: Flags of Chromium on a machine without a graphics card.
@@ -61,6 +59,8 @@ class Row:
         Vertices whose faces are left out.
     top : float
         Bend in degrees at the end of the scale of colours, or :data:`PLAIN`.
+    width : int
+        Width of a shape in pixels.
     """
 
     shapes: list[Deformed]
@@ -68,6 +68,7 @@ class Row:
     shown: np.ndarray
     hidden: np.ndarray | None = None
     top: float = PLAIN
+    width: int = 200
 
 
 def solved(task: DeformationTask, methods: str) -> list[Deformed]:
@@ -121,7 +122,7 @@ def joints() -> Row:
     """Hands above the head: without round joints, with round joints, by `fine`, and the true pose."""
     task = body(6)
     shapes = solved(task, "fast joints=0; fast; fine; truth")
-    return Row(shapes, (0.3, 0.1, 1), task.mesh.V[:, 1] > 1.0)
+    return Row(shapes, (0.3, 0.1, 1), task.mesh.V[:, 1] > 1.0, width=400)
 
 
 def without(subject: int, pose: int, options: dict[str, float], towards: Vector, *, above: float) -> Row:
@@ -168,7 +169,7 @@ def drawn(row: Row) -> Image.Image:
         index = handles.index[seen]
         marks = Handles(np.searchsorted(vertex, index), V[index], dynamic=handles.dynamic[seen])
         paint = {} if error is None else {"error": error[vertex], "top": row.top}
-        panels.append(picture(part, V[vertex], view=view, width=WIDTH, handles=marks, **paint))
+        panels.append(picture(part, V[vertex], view=view, width=row.width, handles=marks, **paint))
     return Image.fromarray(np.hstack(panels))
 
 
