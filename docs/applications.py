@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 import shlex
+import subprocess
+import sys
 from collections.abc import Sequence
 from contextlib import chdir
 from pathlib import Path
@@ -17,7 +19,6 @@ from defaust.example import write_example
 from docs.gallery import save
 from eval.publish.plotting import picture
 from sshade import Handles, Mesh, read
-from sshade.cli.main import main as command
 from sshade.files.meshes import write_mesh
 from sshade.plotting.pictures import View
 
@@ -35,8 +36,8 @@ def run_examples(folder: Path, *, subdivisions: int) -> dict[str, Any]:
         for language, block in re.findall(r"^```(\w*)\n(.*?)^```$", PAGE.read_text("utf-8"), re.M | re.S):
             if language == "python":
                 exec(block, names)
-            elif code := command(shlex.split(block)[1:]):
-                raise RuntimeError(f"exit code {code}: {block}")
+            else:
+                subprocess.run([sys.executable, "-m", *shlex.split(block)], check=True)
     return names
 
 
