@@ -21,7 +21,7 @@ import numpy as np
 import pandas as pd
 
 from eval.metrics import Task
-from eval.publish.columns import HEADLINE, begun
+from eval.publish.columns import HEADLINE, Column, begun
 from eval.publish.comparison import compare, means
 from eval.publish.figures import camera_of, chart_of
 from eval.publish.notes import definitions, legend
@@ -45,6 +45,8 @@ from sshade.problem.task import DeformationTask
 
 #: Default number of cases of an experiment in the 3D view.
 TURNABLE = 3
+#: Columns of the table of failures.
+FAILURE = ("method.name", "task.name", "seed", "status", "reason")
 #: Pixels on the page of the bounding-box diagonal of a rest shape: all pictures have one scale.
 DIAGONAL = 280
 
@@ -78,6 +80,18 @@ class ReportCase:
     width: int = 0
     top: float = 1.0
     view: dict[str, Any] | None = None
+
+    def table(self, columns: Iterable[Column]) -> tuple[list[str], list[list[str]]]:
+        """Return the headings and the lines of a table of the methods."""
+        chosen = list(columns)
+        body = [
+            [
+                row["method.name"],
+                *("n/a" if row[c.source] is None else c.text(row[c.source]) for c in chosen),
+            ]
+            for row in self.rows
+        ]
+        return ["method", *(column.label for column in chosen)], body
 
     @property
     def title(self) -> str:
@@ -312,7 +326,7 @@ def _section(
         "cases": shown,
         "scales": {error_label(case.task): case for case in shown if case.task and case.pictures},
         "columns": [column for column in HEADLINE if column.source in rows],
-        "failures": records(rows.drop(valid(rows).index)),
+        "failures": [[row[name] for name in FAILURE] for row in records(rows.drop(valid(rows).index))],
         "configurations": [(method, configuration(runs, method)) for method in method_names(runs)],
         "facts": facts(runs),
     }
