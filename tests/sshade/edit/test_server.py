@@ -112,6 +112,8 @@ def test_commands_do_what_the_session_does_in_the_coordinates_of_the_page(server
     assert answer["status"] == 409 and answer["exists"] and Path("there.ply").read_text() == "mine"
     assert "saved" in command(server, "save", {"what": "mesh", "name": "there.ply", "over": True})
     assert command(server, "restore", {"group": number})["converged"]
+    server.compiling("")
+    assert b"preparing, once" in ask(server, "GET", f"/{server.token}/progress")[2]
     answer = command(server, "set_up", {"method": "fine", "joints": 0})
     assert (answer["method"], answer["joints"]) == ("fine", 0)
     assert "joints must be" in command(server, "set_up", {"method": "fine", "joints": -1})["error"]
