@@ -17,7 +17,7 @@ from eval.metrics import METRICS, measure
 from eval.rows.collect import collect
 from eval.rows.frame import read_csv, records, write_csv
 from eval.rows.store import read_row, run_folders
-from eval.run import environment
+from eval.run import config, environment
 from sshade import DeformationResult, DeformationTask, InputError, Mesh, TransferTask
 from sshade.core.progress import silent
 from tests.shapes import bumpy
@@ -151,6 +151,7 @@ def test_the_key_follows_configuration_versions_task_and_seed(task, tmp_path, mo
     guess, renamed = replace(task, guess=task.mesh.V), replace(task, name="renamed")
     assert key(task=renamed) == keys[0] != key(task=guess)
     assert key(method={**STRETCHING, "version": 1}) == keys[0] != key(method={**STRETCHING, "version": 2})
+    assert config._loaded.cache_info().currsize <= 1  # meshes of one case are in memory
     monkeypatch.setattr(run_module, "MEASURES", 2)
     assert key() not in keys
 

@@ -1,5 +1,8 @@
 """Metrics of flat, inverted and thin faces, of tails and creases; values that runs of a task share."""
 
+import gc
+import weakref
+
 import numpy as np
 import pytest
 import trimesh
@@ -47,6 +50,15 @@ def test_flips_face_by_face():
     assert not opposed(mesh.V).any() and measure(task(mesh), moved)["flips"] == opposed(moved).sum() > 0
     # Folds of the rest shape do not count.
     assert measure(task(Mesh(moved, mesh.F)), moved)["flips"] == 0
+
+
+def test_what_is_measured_of_a_mesh_goes_with_the_mesh():
+    mesh = bumpy(1)
+    assert measure(task(mesh), mesh.V)["edge"] == 0
+    gone = weakref.ref(mesh)
+    del mesh
+    gc.collect()
+    assert gone() is None
 
 
 def test_a_fold_through_flat_changes_by_the_small_angle():

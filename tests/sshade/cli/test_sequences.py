@@ -1,5 +1,6 @@
 """Sequences on the command line: numbered files and morph targets."""
 
+import weakref
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from sshade.core.natural import in_natural_order
 from sshade.files import gltf_morph
 from sshade.files.meshes import read_arrays, write_mesh
 from sshade.files.task_files import write_handles
+from sshade.method import sequence
 from tests.gltf import arrays, taken_apart, with_arrays
 from tests.robustness.case import assert_refused
 from tests.shapes import bumpy, end_handles
@@ -54,6 +56,22 @@ def test_numbered_files_hold_the_poses_in_order(folder, capsys):
     assert main(["deform", "body.ply", "pose_0.json", "-o", "50%.ply", *FAST]) == 0
     assert Path("50%.ply").read_bytes() == Path("out_001.ply").read_bytes()
     assert "out_001.ply to out_004.ply: 4 poses" in capsys.readouterr().err
+
+
+def test_the_shapes_of_earlier_poses_are_freed(folder, monkeypatch):
+    shapes, alive = [], []
+
+    def watched(*given):
+        for result in solved(*given):
+            alive.append(sum(shape() is not None for shape in shapes))
+            shapes.append(weakref.ref(result.vertices))
+            yield result
+            del result
+
+    solved = sequence.solved_poses
+    monkeypatch.setattr(sequence, "solved_poses", watched)
+    assert main(["deform", "body.ply", *poses(), "-o", "out_%d.ply", *FAST]) == 0
+    assert len(alive) == 4 and max(alive) <= 2
 
 
 def test_poses_go_in_the_order_of_the_numbers_in_their_names(folder, capsys):

@@ -1,5 +1,7 @@
 """What touches at rest touches after a deformation, and what does not may open: in all formats and arrays."""
 
+import gc
+import weakref
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +12,7 @@ from hypothesis import strategies as st
 from sshade import DeformationTask, Handles, deform
 from sshade.files.meshes import read_file
 from sshade.files.open_shape import open_shape
+from sshade.mesh import places
 from sshade.mesh.surface import single_steps, surface
 from tests.shapes import icosphere, quads
 from tests.write import mesh_ply, obj
@@ -114,6 +117,17 @@ def test_a_weld_that_is_given_is_obeyed():
     for weld, joined in widths.items():
         vertex = surface(V, F, weld=weld).vertex
         assert (vertex[below] == vertex[above]).all() == joined == (vertex[below] == vertex[above]).any()
+
+
+def test_touching_vertices_are_looked_for_once_and_forgotten_with_the_mesh(monkeypatch):
+    looked, mesh, touching = [], icosphere(1), places.touching
+    monkeypatch.setattr(places, "touching", lambda *given: looked.append(1) or touching(*given))
+    for _ in range(3):
+        assert places.opening_within(mesh, mesh.V) == 0
+    gone = weakref.ref(mesh)
+    del mesh
+    gc.collect()
+    assert len(looked) == 1 and gone() is None
 
 
 def hourglass() -> tuple[np.ndarray, np.ndarray]:

@@ -8,6 +8,7 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from sshade import DeformationTask, Deformer, Handles, InputError, Mesh, deform
+from sshade.core.threads import ThreadTeam
 from sshade.method import piece as piece_module
 from sshade.problem.options import GROUPS
 from sshade.solver import system as system_module
@@ -302,6 +303,16 @@ def test_the_steps_of_fine_are_those_of_its_proxy_and_settling_polishes(mesh, he
     assert settled.facts.proxy_iterations > 0
     once = deform(DeformationTask("t", mesh, Handles(held, target)), method="fine", vertices=150)
     assert np.linalg.norm(settled.vertices - once.vertices, axis=1).max() < 2e-2 * mesh.diagonal
+
+
+def test_a_drag_of_a_large_mesh_carries_with_threads(mesh, held, monkeypatch):
+    teams = []
+    monkeypatch.setattr(piece_module, "ThreadTeam", lambda count: teams.append(count) or ThreadTeam(count))
+    monkeypatch.setattr(piece_module, "available_cpus", lambda: 3)
+    for large, threads in ((mesh.n + 1, 1), (mesh.n, 3)):
+        monkeypatch.setattr(piece_module, "LARGE", large)
+        Deformer(mesh, held, vertices=150)
+        assert max(teams) == threads
 
 
 def test_a_drag_factorises_once_and_keeps_its_pairs(mesh, held, monkeypatch):
