@@ -36,7 +36,7 @@ def numbers_of(experiment: str) -> dict[str, dict[str, float]]:
 def beside_the_paper(experiment: str, results: Path) -> list[list[str]]:
     """Return the paper's numbers of an experiment beside ours, as lines of cells.
 
-    Times have a line for each timed method, also for those that are not in the paper.
+    Times have a line for each timed method, also where the paper has no number.
     """
     methods, times = numbers_of(experiment), results / "tables" / f"{experiment}.csv"
     if (results / "timing" / f"{experiment}.csv").is_file():
@@ -55,7 +55,7 @@ def pose_means(path: Path, heading: str, methods: list[str], some: list[str], *,
     Parameters
     ----------
     path : path
-        CSV of the rows. The cases are those of its first half.
+        CSV of the rows. The cases are its first half.
     heading : str
         Of the column, such as ``volume (%)``.
     methods : list of str
