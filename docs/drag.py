@@ -80,7 +80,7 @@ def frames() -> list[Image.Image]:
             centre, turn = target[own].mean(axis=0), Rotation.from_euler("xyz", motion[3:], degrees=True)
             target[own] = turn.apply(target[own] - centre) + centre + motion[:3]
         V = drag.step(target, tolerance=1e-4).vertices
-        plotter = new_plotter(window_size=size, lighting="three lights")
+        plotter = new_plotter(window_size=size)
         panel(plotter, mesh, V, view, handles=shown)
         picture = Image.fromarray(plotter.screenshot(return_img=True))
         plotter.close()
@@ -101,7 +101,7 @@ def draw_pointer(picture: Image.Image, view: View, at: np.ndarray) -> None:
 def main() -> None:
     """Write the picture, whose frames share their colours."""
     pictures = frames()
-    some = np.concatenate([np.asarray(picture) for picture in pictures[::25]])
+    some = np.concatenate([np.asarray(picture) for picture in pictures[::20]])
     palette = Image.fromarray(some).quantize(COLOURS, kmeans=1)
     first, *others = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
     colours = np.reshape(palette.getpalette(), (-1, 3))

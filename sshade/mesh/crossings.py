@@ -56,7 +56,7 @@ def _height(V, a, b, c, d):
 
 @subroutine
 def _pierces(V, face, other):
-    """Whether a side of a face without a common corner pierces another face."""
+    """Whether a side of a face pierces another face. Sides with a common corner do not count."""
     a, b, c = other[0], other[1], other[2]
     for k in range(3):
         p, q = face[k], face[(k + 1) % 3]
@@ -68,15 +68,6 @@ def _pierces(V, face, other):
         if (one > 0.0) == (two > 0.0) == (three > 0.0):
             return True
     return False
-
-
-@subroutine
-def _common(face, other):
-    count = 0
-    for j in range(3):
-        for k in range(3):
-            count += face[j] == other[k]
-    return count
 
 
 @kernel
@@ -105,7 +96,7 @@ def _cross(begin, end, each, start, low, high, lowest, highest, V, F, order, fou
                 for j in range(max(each * b, i + 1), min(each * b + each, len(F))):
                     if found[order[i]] and found[order[j]]:
                         continue
-                    if not _overlap(lowest, highest, i, lowest, highest, j) or _common(F[i], F[j]) > 1:
+                    if not _overlap(lowest, highest, i, lowest, highest, j):
                         continue
                     if _pierces(V, F[i], F[j]) or _pierces(V, F[j], F[i]):
                         found[order[i]] = found[order[j]] = True
