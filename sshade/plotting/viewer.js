@@ -159,7 +159,7 @@
 
   function fillShapes(entry, wanted) {
     const names = entry.shapes.map((shape) => shape.name);
-    const chosen = Math.max(0, names.indexOf(wanted ?? entry.first ?? names.at(-1)));
+    const chosen = names.indexOf(names.includes(wanted) ? wanted : entry.first || names.at(-1));
     shapes.replaceChildren(
       "shown:",
       ...names.map((name, k) => {
