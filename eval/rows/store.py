@@ -47,7 +47,7 @@ _TEXT = (
 
 _GROUPS = (
     *("task.", "method.", "seed", "status", "reason", "iterations", "converged"),
-    *("metric.", "extra.", "seconds.", "peak_mib", "env.", "date", "measures", "key"),
+    *("metric.", "extra.", "seconds.", "peak_mib", "env.", "date", "schema", "measures", "key"),
 )
 
 
