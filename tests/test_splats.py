@@ -18,7 +18,6 @@ ALLOWED = {
     "sshade/edit/recovery.py": 1,
     "sshade/method/transfer.py": 1,
     "sshade/problem/facts.py": 1,
-    "sshade/problem/handles.py": 1,
     "sshade/problem/options.py": 3,
     "sshade/proxy/binding_file.py": 1,
     "sshade/solver/constraints.py": 3,

@@ -54,20 +54,20 @@ def compile_sampling() -> None:
 
 def tiny_task() -> DeformationTask:
     """Return an icosphere of 642 vertices: one cap is fixed, the opposite cap is turned and lifted."""
-    return _two_caps(icosphere(3), height=0.9, degrees=20, lift=0.1)
+    return _two_caps(icosphere(3), low=-0.9, height=0.9, degrees=20, lift=0.1)
 
 
 def tiny_regions() -> DeformationTask:
-    """Return an icosphere of 10,242 vertices, enough for multigrid: a third is fixed, a third is lifted.
+    """Return an icosphere of 10,242 vertices, enough for multigrid: a tenth is fixed, two fifths are lifted.
 
-    It is lifted so little that the volume does not yield, and is corrected.
+    So few are fixed, and they are lifted so little, that the volume does not yield, and is corrected.
     """
-    return _two_caps(icosphere(5), height=1 / 3, degrees=0, lift=0.02)
+    return _two_caps(icosphere(5), low=-0.8, height=0.2, degrees=0, lift=0.02)
 
 
-def _two_caps(mesh: Mesh, *, height: float, degrees: float, lift: float) -> DeformationTask:
-    """Fix the vertices of a unit ball below -`height`; turn and lift the vertices above `height`."""
-    static, dynamic = (np.flatnonzero(side * mesh.V[:, 2] > height) for side in (-1, 1))
+def _two_caps(mesh: Mesh, *, low: float, height: float, degrees: float, lift: float) -> DeformationTask:
+    """Fix the vertices of a unit ball below `low`; turn and lift the vertices above `height`."""
+    static, dynamic = np.flatnonzero(mesh.V[:, 2] < low), np.flatnonzero(mesh.V[:, 2] > height)
     cos, sin = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
     turn = np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]])
     moves = np.repeat([False, True], [len(static), len(dynamic)])

@@ -35,8 +35,11 @@ from sshade.files.handle_files import is_landmark_file, pose_files, read_handle_
 from sshade.plotting.pictures import CAMERAS, COLOUR_LABELS, draw
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from sshade.files.mesh_file import MeshFile
     from sshade.files.open_shape import OpenShape
+    from sshade.files.skin import DrawnSkin
 
 #: Suffixes of pages and of pictures.
 PAGES, PICTURES = (".html",), (".png", ".jpg", ".jpeg")
@@ -85,8 +88,17 @@ def command(options: argparse.Namespace) -> int:
         from sshade.plotting.figure import figure_of
         from sshade.plotting.view import LARGE
 
-        look = {"camera": camera, "size": LARGE, **_dress(file, shape)}
-        figure = figure_of(shape.mesh, handles, poses, colour=options.colour, **look)
+        colours, skin = _dress(file, shape)
+        figure = figure_of(
+            shape.mesh,
+            handles,
+            poses,
+            colour=options.colour,
+            camera=camera,
+            size=LARGE,
+            colours=colours,
+            skin=skin,
+        )
         if path is None:
             number, name = tempfile.mkstemp(prefix=f"sshade_{options.mesh.stem}_", suffix=".html")
             os.close(number)
@@ -98,22 +110,22 @@ def command(options: argparse.Namespace) -> int:
     return 0
 
 
-def _dress(file: MeshFile, shape: OpenShape) -> dict[str, Any]:
+def _dress(file: MeshFile, shape: OpenShape) -> tuple[np.ndarray | None, DrawnSkin | None]:
     """Return the colours and the materials of a mesh file, as far as they can be read."""
     from sshade.files.skin import has_skin, skin_on
     from sshade.files.vertex_colours import colours_on
 
-    found: dict[str, Any] = {"colours": colours_on(file.source, shape.surface)}
+    skin = None
     try:
         if has_skin(file):
-            found["skin"] = skin_on(file, shape.surface)
-            for material in found["skin"].materials:
+            skin = skin_on(file, shape.surface)
+            for material in skin.materials:
                 if material.texture is not None:
                     material.texture()
     except (InputError, OSError, ValueError, LookupError) as error:
         say(f"note: {file.source}: textures cannot be shown ({error})")
-        found.pop("skin", None)
-    return found
+        skin = None
+    return colours_on(file.source, shape.surface), skin
 
 
 def _sorted(files: list[Path]) -> tuple[list[Path], tuple[Path, ...]]:

@@ -131,8 +131,7 @@ class Commands:
         return self._answer(*CHANGED)
 
     def do_set_up(self, arguments: Mapping[str, Any]) -> bytes:
-        joints = {} if arguments.get("joints") is None else {"joints": arguments["joints"]}
-        self._session.set_up(arguments["method"], **joints)
+        self._session.set_up(arguments["method"], joints=arguments.get("joints"))
         return self._answer("positions")
 
     def do_drag(self, arguments: Mapping[str, Any]) -> bytes:

@@ -8,6 +8,7 @@ from sshade.core.errors import InputError
 from sshade.mesh.mesh import Mesh
 from sshade.method.bound import Deformer
 from sshade.problem.handles import Handles
+from sshade.solver.aim import LOCAL
 
 #: Proxy vertices during a drag, a third of the usual number. With 6000 the shape is a seventh nearer to the
 #: converged shape, but a step takes 1.5 times as long.
@@ -15,8 +16,9 @@ VERTICES = 4000
 #: Tolerance and iterations of a step of a drag; the next step continues. More iterations come nearer to the
 #: converged shape with each picture, but show fewer pictures.
 TOLERANCE, ITERATIONS = 1e-5, 3
-#: Weight of the volume constraint during a drag, which keeps the volume to about a thousandth.
-VOLUME = 1e3
+#: Weight of the volume constraint during a drag, which keeps the volume to about a thousandth. In a local
+#: edit, where fixed handles have more than a share of the area, the volume is free, as it is when settled.
+VOLUME, MOST_FIXED = 1e3, sum(LOCAL) / 2
 #: Smallest number of mesh vertices for which other handles are bound to the nearest samples. Binding such a
 #: mesh anew takes too long; smaller meshes are bound anew, which makes their steps faster.
 REBOUND = 500_000
@@ -31,6 +33,7 @@ def bound_for_drag(mesh: Mesh, handles: Handles, method: str) -> Deformer:
         When a component cannot be bound with these handles.
     """
     is_paper = method == "paper"
+    fixed = float(mesh.vertex_areas[handles.index[~handles.dynamic]].sum()) / mesh.area
     return Deformer(
         mesh,
         handles.index,
@@ -39,7 +42,7 @@ def bound_for_drag(mesh: Mesh, handles: Handles, method: str) -> Deformer:
         method="paper" if is_paper else "fast",
         samplings=1,
         vertices=VERTICES,
-        volume=None if is_paper else VOLUME,
+        volume=None if is_paper else 0.0 if fixed > MOST_FIXED else VOLUME,
     )
 
 

@@ -146,10 +146,11 @@ class Session(Workspace):
         with self._lock:
             self._push(self.state.changed(number, **fields))
 
-    def set_up(self, method: str, **options: Any) -> None:
-        """Change the method and some of its options; raise InputError on a value out of its range."""
+    def set_up(self, method: str, *, joints: float | None = None) -> None:
+        """Change the method, and its option `joints`; raise InputError on a value out of its range."""
         with self._lock:
-            state = replace(self.state, method=method, options={**self.state.options, **options})
+            options = self.state.options if joints is None else {**self.state.options, "joints": joints}
+            state = replace(self.state, method=method, options=options)
             state.resolved  # noqa: B018 - checks the values
             if state.made != self.state.made:
                 self._push(state)

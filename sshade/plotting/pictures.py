@@ -301,8 +301,14 @@ def add_handles(plotter: Any, V: np.ndarray, handles: Handles, *, size: float, t
         start, end = begin[foremost], target[foremost]
         if (length := float(np.linalg.norm(end - start))) > SPHERE * size:
             tip = min(0.3, 12 * SHAFT * size / length)
-            radii = {"shaft_radius": SHAFT * size / length, "tip_radius": 0.4 * tip}
-            arrow = pyvista.Arrow(start=start, direction=end - start, scale=length, tip_length=tip, **radii)
+            arrow = pyvista.Arrow(
+                start=start,
+                direction=end - start,
+                scale=length,
+                tip_length=tip,
+                tip_radius=0.4 * tip,
+                shaft_radius=SHAFT * size / length,
+            )
             plotter.add_mesh(arrow, color=PATH)
 
 

@@ -181,7 +181,7 @@ def test_the_dragged_component_follows_at_once_and_takes_one_without_handles_alo
     free = np.setdiff1d(left, np.concatenate([group.vertices for group in session.state.groups]))
     assert (moved[free] > 1e-4).mean() > 0.9 and moved[BODY.n :].max() > 1e-3
     settled(session, number, LIFT)
-    assert np.abs(session.shown - shown)[BODY.n :].max() < 0.02 * BODY.diagonal
+    assert np.abs(session.shown - shown)[BODY.n :].max() < 0.05 * BODY.diagonal
 
 
 def test_a_mesh_that_is_no_manifold_follows_at_once():
