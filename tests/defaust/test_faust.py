@@ -35,6 +35,9 @@ def copy(folder, tmp_path):
 def test_any_folder_around_the_files_is_accepted(folder, inside):
     source = pickle.loads(pickle.dumps(faust(folder.parents[2] / inside)))
     np.testing.assert_array_equal(source.rest(0).V, BODIES.rest(0).V)
+    more = set(source.more_landmarks)
+    assert {pose.aligned for pose in source.poses(0)} == {True, False} and more
+    assert all((set(pose.landmarks) >= more) == (not pose.aligned) for pose in source.poses(0))
     for pose, expected in zip(source.poses(3)[:3], BODIES.poses(3), strict=False):
         np.testing.assert_array_equal(source.posed(3, pose).V, BODIES.posed(3, expected).V)
 

@@ -18,7 +18,7 @@ from eval.rows.collect import collect
 from eval.rows.frame import read_csv, records, write_csv
 from eval.rows.store import read_row, run_folders
 from eval.run import config, environment
-from sshade import DeformationResult, DeformationTask, InputError, Mesh, TransferTask
+from sshade import DeformationResult, DeformationTask, Handles, InputError, Mesh, TransferTask
 from sshade.core.progress import silent
 from tests.shapes import bumpy
 
@@ -235,3 +235,12 @@ def test_the_checksum_of_a_pose_transfer_covers_all_that_a_method_reads():
         TransferTask("t", rest, rest, 3 * rest.V),
     ]
     assert len({environment.task_checksum(other) for other in [task, *others]}) == 4
+
+
+def test_the_checksum_of_a_task_covers_its_handles():
+    mesh = bumpy(1)
+    same = {"index": [0, 1], "target": mesh.V[:2], "group": [0, 1]}
+    changes = [{}, {"index": [0, 2]}, {"target": mesh.V[1:3]}, {"weight": [1.0, 2.0]}, {"group": [0, 0]}]
+    changes += [{"dynamic": [True, False]}, {"rotation": np.tile(np.eye(3), (2, 1, 1))}]
+    tasks = [DeformationTask("t", mesh, Handles(**same | change)) for change in changes]
+    assert len({environment.task_checksum(task) for task in tasks}) == len(changes)

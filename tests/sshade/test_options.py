@@ -72,6 +72,7 @@ def test_detail_chooses_the_values_of_the_polish_from_smooth_to_least_stretch():
     others = [replace(options, detail=0, **dict.fromkeys(chosen, 1.0)) for options in along[:-1]]
     assert all(other == others[0] for other in others)
     assert resolve("fine", {"detail": 0.0}).with_regions().proxy_bending == REGIONS["fine"]["proxy_bending"]
+    assert along[0].strain_limit < along[0].of_proxy().strain_limit == inf
     with pytest.raises(InputError, match="detail must be a number from 0 to 1"):
         resolve("fine", {"detail": 1.5})
 

@@ -8,6 +8,7 @@ import pytest
 
 from baselines import arap
 from eval.bench import cases, jobs, quality
+from eval.bench.bench import read_cases
 from eval.main import call, main
 from eval.rows.frame import numbers, read_csv, write_csv
 from eval.run.warmup import tiny_transfer
@@ -105,6 +106,7 @@ def test_subdivisions_and_their_memory(machine, case):
     sizes = ["--sizes", "600", "2500", "2600"]
     rows = bench("scaling", "--methods", ONE, "--cases", case, *sizes, "--rounds", "1")
     assert rows["task.vertices"].tolist() == [642, 2562]  # 2500 and 2600 give the same mesh
+    assert [one.level for one in read_cases([case], sizes=[1300])] == [1]  # 1300 is less than twice 642 off
     assert np.isfinite(numbers(rows, "peak_mib")).all() and rows["task.checksum"].nunique() == 2
 
 

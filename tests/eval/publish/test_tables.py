@@ -154,6 +154,7 @@ def test_a_result_without_a_measure_has_no_mean_of_the_others():
     table = table_of(*rows)
     assert table.means.loc["a", "volume"] == 11.6 and np.isnan(table.means.loc["b", "volume"])
     assert table.places["volume"].to_dict() == {"a": 1.0, "b": pytest.approx(np.nan, nan_ok=True)}
+    assert np.isnan(table.parts[0].means.at["b", "volume"])  # of the worst case
     assert "| a | 5 | 11.60 | 2.00 |" in (text := to_markdown(table)) and "| b | 5 | n/a | 2.00 |" in text
 
 

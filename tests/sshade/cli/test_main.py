@@ -34,8 +34,9 @@ def test_all_options_reach_the_method(sound):
     """The options include `--weight`, which changes how handles are read."""
     options = {"vertices": 60, "start": "rest", "attachment": 0.5, "seed": 7, "workers": 2, "samplings": 2}
     line = [word for name, value in options.items() for word in (f"--{name}", str(value))]
+    write_handles("pose.json", replace(POSE, weight=np.where(POSE.dynamic, 3.0, np.inf)))
     assert main([*DEFORM, "--method", "paper", "--weight", "50", *line]) == 0
-    task = DeformationTask("body", BODY, replace(POSE, weight=np.full(len(POSE), 50.0)))
+    task = DeformationTask("body", BODY, replace(POSE, weight=np.where(POSE.dynamic, 3.0, 50.0)))
     assert np.array_equal(read_arrays("out.ply")[0], deform(task, method="paper", **options).vertices)
 
 

@@ -8,12 +8,14 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from sshade import Handles
+from sshade.cli import sequence as command
 from sshade.cli.main import main
 from sshade.core.natural import in_natural_order
 from sshade.files import gltf_morph
 from sshade.files.meshes import read_arrays, write_mesh
 from sshade.files.task_files import write_handles
 from sshade.method import sequence
+from sshade.problem.facts import Facts
 from tests.gltf import arrays, taken_apart, with_arrays
 from tests.robustness.case import assert_refused
 from tests.shapes import bumpy, end_handles
@@ -56,6 +58,12 @@ def test_numbered_files_hold_the_poses_in_order(folder, capsys):
     assert main(["deform", "body.ply", "pose_0.json", "-o", "50%.ply", *FAST]) == 0
     assert Path("50%.ply").read_bytes() == Path("out_001.ply").read_bytes()
     assert "out_001.ply to out_004.ply: 4 poses" in capsys.readouterr().err
+
+
+def test_the_largest_gaps_of_all_poses_are_told():
+    facts = [Facts(gap=0.2, opening=0.1), Facts(gap=0.1, side_gap=0.4, opening=0.3)]
+    largest = command._with_largest_gaps(facts)
+    assert (largest.gap, largest.side_gap, largest.opening) == (0.2, 0.4, 0.3)
 
 
 def test_the_shapes_of_earlier_poses_are_freed(folder, monkeypatch):

@@ -3,12 +3,14 @@
 import base64
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import trimesh
 
 from sshade import InputError, Mesh
+from sshade.files.gltf_scene import Gltf
 from sshade.files.mesh_file import MeshFile
 from sshade.files.meshes import read_arrays, read_file, write_file
 from tests.gltf import arrays, glb, taken_apart, with_arrays
@@ -334,3 +336,8 @@ def test_a_glb_of_version_1_is_refused(here):
     Path("a.glb").write_bytes(glb(*exported()).replace(b"\2", b"\1", 1))
     with pytest.raises(InputError, match=r"a file of glTF 1, and only glTF 2\.0"):
         read_file("a.glb")
+
+
+def test_whole_numbers_of_a_normal_lie_between_minus_one_and_one():
+    stored = SimpleNamespace(array=lambda _: np.array([[-128, -127, 127]], np.int8))
+    assert Gltf.fractions(stored, 0).tolist() == [[-1, -1, 1]]

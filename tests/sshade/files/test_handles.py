@@ -1,6 +1,7 @@
 """Handle files: what each kind of entry means, one table of refusals, and what is written reads back."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -244,6 +245,10 @@ def test_written_handles_read_back_the_same(here, body):
     a, b = np.argsort(handles.index), np.argsort(back.index)
     for name in ("index", "target", "dynamic", "weight", "rotation"):
         assert np.array_equal(getattr(handles, name)[a], getattr(back, name)[b], equal_nan=name == "rotation")
+    moved = replace(handles, target=handles.target + 0.1)  # also of the static handle
+    write_handles("b.json", moved)
+    raw = read_handles("b.json", body, raw=True)
+    assert np.array_equal(raw.target[np.argsort(raw.index)], moved.target[a])
     # Groups are renumbered. A group with static and dynamic handles becomes two groups.
     assert back.group[b][np.argsort(a)].tolist() == [0, 0, 1, 1, 1, 2, 3, 3]
 

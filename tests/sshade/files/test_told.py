@@ -8,6 +8,7 @@ import pytest
 from sshade import Handles
 from sshade.files.meshes import write_mesh
 from sshade.files.task_files import write_handles
+from sshade.problem.handle_checks import astray
 from tests.robustness.case import run
 from tests.shapes import block, icosphere
 
@@ -22,6 +23,13 @@ def test_faces_inside_of_a_solid_are_hinted_at(here):
     Path("pose.json").write_text('{"handles": [{"vertices": [0, 60]}, {"vertices": [124], "scale": 2}]}')
     code, _, err = run("sshade deform a.ply pose.json -o out.ply")
     assert code == 0 and "more than two faces meet at an edge in most of the mesh, as faces inside" in err
+
+
+def test_handles_that_shrink_together_are_not_astray():
+    rest = icosphere(3).V
+    target = 0.01 * rest
+    target[::50] += [0.03, 0, 0]  # far for the shrunk ones, and near for the size that they had
+    assert len(astray(rest, target)) == 0 < len(astray(rest, 100 * target))
 
 
 @pytest.mark.parametrize("method", ["fast", "interpolate"])

@@ -14,7 +14,7 @@ FAR = np.array([[5.0, 5, 5], [6, 6, 6]])
         (np.zeros(9), [[0, 1, 2]], ["(n, 3)", "(9,)"]),
         (TRIANGLE, [0, 1, 2], ["(m, 3)", "(3,)"]),
         (np.concatenate([FAR, TRIANGLE]), [[2, 3, 4]], ["2 vertices belong to no face", "leaves them out"]),
-        (1e61 * TRIANGLE, [[0, 1, 2]], ["scale it to between 1e-60 and 1e+60"]),
+        *((size * TRIANGLE, [[0, 1, 2]], ["scale it to between 1e-60 and 1e+60"]) for size in (1e61, 1e-61)),
     ],
 )
 def test_unusable_arrays_are_refused_with_a_remedy(V, F, words):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sshade import InputError, Mesh
-from sshade.mesh.places import same_rows
+from sshade.mesh.places import same_places, same_rows
 from sshade.mesh.surface import surface
 from tests.shapes import beside, icosphere, jittered, quads, shifted, strip, unjoined
 from tests.sshade.mesh.test_cutting import moebius
@@ -55,6 +55,16 @@ def test_a_pole_of_many_vertices_with_faces_without_area_closes():
     joined, vertex, _ = surface(V, F)
     assert joined.n == k + 2 and joined.is_closed and joined.topology.euler == 2
     assert np.array_equal(joined.V[vertex], V)
+
+
+def test_near_places_are_one_but_neither_chains_nor_crowds():
+    tolerance = np.full(3, 0.1)
+    assert same_places(np.array([[0.0, 0, 0], [0.05, 0, 0], [1, 0, 0]]), tolerance).tolist() == [0, 0, 2]
+    for points in (
+        0.15 * np.eye(3)[:1] * np.arange(100)[:, None],
+        np.random.default_rng(0).random((3000, 3)) / 20,
+    ):
+        assert len(np.unique(same_places(points, tolerance))) == len(points)
 
 
 def test_equal_rows_have_equal_ids():

@@ -7,10 +7,12 @@ import pytest
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial.transform import Rotation
 
-from sshade import Handles, Mesh
+from sshade import DeformationTask, Handles, Mesh
 from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.rigid import rigid_motion
+from sshade.problem.options import Options
 from sshade.solver.attachment import LINK, RADIUS, REACH, Attachment
+from sshade.solver.local_global import bind_system
 from tests.shapes import moved_parts, rotation, tube
 from tests.sshade.naive import vertex_areas
 
@@ -78,6 +80,9 @@ def test_nothing_is_attached_to_handles_without_a_rigid_motion(case):
     handles = WITHOUT_A_MOTION.get(case, two_patches(BAR))
     pulled = attached(BAR, handles, 0.0 if case == "weight 0" else 0.1)
     assert np.array_equal(pulled.vertex, handles.index)
+    options = Options(attachment=0.0 if case == "weight 0" else 0.1)
+    bound = bind_system(DeformationTask("bar", BAR, handles), options)
+    assert len(bound.aim.targets) == len(handles.index)  # no others are in the system
 
 
 def test_soft_handles_pull_as_far_as_they_are_held():

@@ -21,7 +21,8 @@ from sshade.solver.laplacian import edge_weights, half_cotangents, laplacian_mat
 from sshade.solver.ordered_mesh import OrderedMesh
 from sshade.solver.system import System, assembled
 from sshade.solver.terms import TERMS, Arap
-from tests.shapes import bumpy, jittered, rotation
+from sshade.solver.terms.bending import bending_stiffness
+from tests.shapes import bumpy, jittered, rotation, strip
 from tests.sshade.naive import vertex_areas
 
 MESH = jittered(bumpy(3), 0.02)
@@ -125,6 +126,13 @@ def defined(case, P: np.ndarray, R: np.ndarray) -> float:
     off = L @ P - np.einsum("iab,ib->ia", R, L @ V)
     free = abs(L) @ ~hard > 0  # vertices around which all is held have no energy
     return corners * float((options.bending**2 * MESH.area / area * (off**2).sum(axis=1))[free].sum())
+
+
+def test_boundaries_do_not_resist_bending():
+    sheet = jittered(strip(8, 6), 0.1)
+    L = laplacian_matrix(sheet.n, *edge_weights(sheet, half_cotangents(sheet)))
+    stiffness = bending_stiffness(sheet, L, np.array([0]), 1.0)
+    assert np.array_equal(np.flatnonzero(stiffness == 0), np.unique(sheet.boundary_edges))
 
 
 def as_matrix(term, order: str):
