@@ -102,6 +102,7 @@ def main() -> None:
     """Write the picture, whose frames share their colours."""
     pictures = frames()
     some = np.concatenate([np.asarray(picture) for picture in pictures[::20]])
+    some[:10] = 0  # the outline of the pointer
     palette = Image.fromarray(some).quantize(COLOURS, kmeans=1)
     first, *others = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
     colours = np.reshape(palette.getpalette(), (-1, 3))

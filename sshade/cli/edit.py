@@ -112,7 +112,9 @@ def _edit(options: argparse.Namespace) -> int:
 
 def _serve(server: Server, *, browser: bool) -> None:
     """Serve the editor until it is closed."""
-    with server, compilation_told(server.compiling):
+    from sshade.cli.notes import announced_warnings
+
+    with server, compilation_told(server.compiling), announced_warnings():
         print(server.address, flush=True)  # noqa: T201
         if browser and not webbrowser.open(server.address):
             say("note: no browser could be opened; open the address in one")
