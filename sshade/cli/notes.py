@@ -226,6 +226,11 @@ def stored_positions(path: Path, file: MeshFile, V: np.ndarray) -> np.ndarray:
     return read_file(path).V if file.stored is None else file.stored(V)
 
 
+def near_target(error: float) -> str:
+    """Return how near handles are to their targets; the largest distance is a fraction of the diagonal."""
+    return "on target" if error <= ON_TARGET else f"at most {_percent(error)} from target"
+
+
 def reached(stored: np.ndarray, whole: Surface, handles: Handles) -> tuple[str, float]:
     """Return how near handles are to their targets, for the summary, and the error of the hard handles.
 
@@ -239,8 +244,7 @@ def reached(stored: np.ndarray, whole: Surface, handles: Handles) -> tuple[str, 
     exact, soft = int(hard.sum()), int((~hard).sum())
     parts = []
     if exact:
-        on = "on target" if error <= ON_TARGET else f"at most {_percent(error)} from target"
-        parts.append(f"{counted(exact, 'handle', 'handles')} {on}")
+        parts.append(f"{counted(exact, 'handle', 'handles')} {near_target(error)}")
     if soft:
         mean = _percent(float(distance[~hard].mean()))
         parts.append(f"{counted(soft, 'soft handle', 'soft handles')} {mean} from target on average")

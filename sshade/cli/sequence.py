@@ -51,7 +51,7 @@ def _numbered(pattern: Path, count: int) -> list[Path]:
 
 def deform_poses(options: argparse.Namespace, opened: OpenTask, resolved: Options) -> None:
     """Deform a mesh for the poses of a sequence, and write the output."""
-    from sshade.cli.notes import announced_warnings, reached, stored_positions, tell
+    from sshade.cli.notes import announced_warnings, near_target, reached, stored_positions, tell
     from sshade.files.gltf_morph import write_morphs
     from sshade.files.meshes import write_file
     from sshade.mesh.parts import Gap, NearParts
@@ -108,7 +108,7 @@ def deform_poses(options: argparse.Namespace, opened: OpenTask, resolved: Option
     seconds = perf_counter() - begin
     each = f", {seconds / count:.2f} s each"
     if poses[0].hard.any():
-        each = f", handles at most {100 * max(errors):.2g} % of the diagonal from target{each}"
+        each = f", handles {near_target(max(errors))}{each}"
     say(f"{written}: {_poses(count)}, {len(file.V)} vertices{each}, {seconds:.2f} s")
     facts = _with_largest_gaps([result.facts for result in results])
     say(f"worst of all poses: {worst(qualities)}")
