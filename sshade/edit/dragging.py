@@ -17,8 +17,8 @@ VERTICES = 4000
 #: converged shape with each picture, but show fewer pictures.
 TOLERANCE, ITERATIONS = 1e-5, 3
 #: Weight of the volume constraint during a drag, which keeps the volume to about a thousandth. In a local
-#: edit, where fixed handles have more than a share of the area, the volume is free, as it is when settled.
-VOLUME, MOST_FIXED = 1e3, sum(LOCAL) / 2
+#: edit, where fixed handles have a share `FIXED` of the area more than others, it is free, as when settled.
+VOLUME, FIXED = 1e3, sum(LOCAL) / 2
 #: Smallest number of mesh vertices for which other handles are bound to the nearest samples. Binding such a
 #: mesh anew takes too long; smaller meshes are bound anew, which makes their steps faster.
 REBOUND = 500_000
@@ -33,7 +33,8 @@ def bound_for_drag(mesh: Mesh, handles: Handles, method: str) -> Deformer:
         When a component cannot be bound with these handles.
     """
     is_paper = method == "paper"
-    fixed = float(mesh.vertex_areas[handles.index[~handles.dynamic]].sum()) / mesh.area
+    areas = mesh.vertex_areas[handles.index]
+    local = float(np.where(handles.dynamic, -areas, areas).sum()) > FIXED * mesh.area
     return Deformer(
         mesh,
         handles.index,
@@ -42,7 +43,7 @@ def bound_for_drag(mesh: Mesh, handles: Handles, method: str) -> Deformer:
         method="paper" if is_paper else "fast",
         samplings=1,
         vertices=VERTICES,
-        volume=None if is_paper else 0.0 if fixed > MOST_FIXED else VOLUME,
+        volume=None if is_paper else 0.0 if local else VOLUME,
     )
 
 

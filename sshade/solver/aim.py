@@ -19,11 +19,11 @@ BESIDE = 1e-3
 #: Largest pressure of an exact volume and of an exact area. Poses of bodies and animals need up to 0.004 and
 #: 0.013; a handle that pushes a spot out of a surface, and handles that imply another volume, ask for more.
 PRESSURE = 0.012, 0.03
-#: Shares of the area in handles at rest between which the limit of the volume falls to the fraction `LEAST`.
-#: Handle regions of posed bodies have up to 0.08.
+#: Share of the area in handles at rest, less the share in others, over which the limit of the volume falls to
+#: the fraction `LEAST`. Handle regions of posed bodies have up to 0.08.
 LOCAL, LEAST = (0.15, 0.35), 1e-3
-#: Distance from its place within which a handle is at rest in part, as a fraction of the diagonal.
-RESTING = 0.005
+#: Move up to which a handle is at rest in part, as a fraction of the largest move.
+RESTING = 0.5
 
 
 @dataclass(frozen=True)
@@ -56,15 +56,15 @@ class Aim:
 def largest_pressures(mesh: Mesh, handles: Handles, options: Options) -> tuple[float, float]:
     """Return the largest pressures of an exact volume and an exact area.
 
-    They are infinite for a volume goal. In a local edit, where handles at rest fix much of the surface, what
-    the other handles add to the volume would have to sink in between. From the share :data:`LOCAL` of the
-    area on, the limit of the volume therefore falls.
+    They are infinite for a volume goal. In a local edit, where handles at rest fix much of the surface and
+    few others move, what these add to the volume would have to sink in between. The limit of the volume
+    therefore falls with the area that is at rest, less the area that moves.
     """
     if not options.yields:
         return math.inf, math.inf
     moved = np.linalg.norm(handles.target - mesh.V[handles.index], axis=1)
-    at_rest = np.clip(1.0 - moved / (RESTING * mesh.diagonal), 0.0, 1.0)
-    share = float(at_rest @ mesh.vertex_areas[handles.index]) / (mesh.area or 1.0)
+    at_rest = np.clip(1.0 - moved / (RESTING * (moved.max() or 1.0)), 0.0, 1.0)
+    share = float((2.0 * at_rest - 1.0) @ mesh.vertex_areas[handles.index]) / (mesh.area or 1.0)
     exact = float(np.clip((LOCAL[1] - share) / (LOCAL[1] - LOCAL[0]), LEAST, 1.0))
     return exact * PRESSURE[0], PRESSURE[1]
 

@@ -49,7 +49,8 @@ EVERY, EVERY_OF_BOTH = 8, 4
 REACHED = 1e-6
 #: Weight of an area that cannot be met exactly, and number of failed steps after which it keeps this weight.
 RELAXED, GIVE_UP = 1.0, 30
-#: Steps in which constraints are exact in any case. Poses of bodies need more pressure in the first four.
+#: Number of first steps in which constraints are exact, but in a drag. Poses of bodies need more pressure in
+#: the first four.
 EARLY = 10
 #: Least volume of a body, as a multiple of area^1.5. A flat body has less, and no volume constraint.
 FLAT = 1e-9
@@ -175,7 +176,9 @@ class Constraints:
     yields : (q,) bool
         Exact constraints that push with their largest pressure in the present step.
     early : bool
-        Whether constraints would yield if the step were not among the first :data:`EARLY` ones.
+        Whether constraints would yield if the step were not among the first ones.
+    early_steps : int
+        Number of first steps in which constraints are exact in any case.
 
     Raises
     ------
@@ -213,6 +216,7 @@ class Constraints:
         self._reached: np.ndarray | None = None
         self.yields = np.zeros(count, dtype=bool)
         self.early = False
+        self.early_steps = EARLY
         #: Number of steps taken.
         self._taken = 0
         self.aim(1.0)
@@ -331,7 +335,7 @@ class Constraints:
         exact = np.isinf(self._weight)
         self._taken += 1
         above = exact & (np.abs(multiplier) > self._most)
-        self.yields = above & (self._taken > EARLY)
+        self.yields = above & (self._taken > self.early_steps)
         self.early = bool(above.any() and not self.yields.any())
         if self.yields.any():
             self._yield(P, multiplier, *saved, rough)

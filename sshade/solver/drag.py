@@ -76,6 +76,7 @@ class Drag:
             single=True,
             accelerate_last=True,
         )
+        self._state.constraints.early_steps = 0
         self._state.aim(aim)
         self._state.energy.begin_with(rotations)
         self._state.begin(0.0)
