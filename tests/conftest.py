@@ -1,6 +1,7 @@
 """Settings and fixtures of all tests: reproducible property tests, and a few meshes that are built once."""
 
 import gc
+import logging
 import os
 from collections.abc import Iterator
 from pathlib import Path
@@ -52,8 +53,11 @@ def sound(here) -> Path:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_call() -> Iterator[None]:
-    """Fail a test that compiles a kernel outside the list, because users would wait for its compilation."""
-    unlisted = []
+    """Fail a test that compiles a kernel outside the list, because users would wait for its compilation.
+
+    Log handlers that the test leaves are removed: Hydra's write to a stream that is closed after the test.
+    """
+    unlisted, handlers, level = [], logging.root.handlers[:], logging.root.level
 
     class Compilations(event.Listener):
         def on_start(self, event):
@@ -66,8 +70,12 @@ def pytest_runtest_call() -> Iterator[None]:
         def on_end(self, event):
             pass
 
-    with event.install_listener("numba:compile", Compilations()):
-        yield
+    try:
+        with event.install_listener("numba:compile", Compilations()):
+            yield
+    finally:
+        logging.root.handlers[:] = handlers
+        logging.root.setLevel(level)
     assert not unlisted, "`python -m tools.compile_kernels --update` adds these to tools/kernels.txt"
 
 

@@ -3,7 +3,6 @@
 import contextlib
 import importlib
 import io
-import logging
 import os
 import resource
 import shlex
@@ -43,15 +42,11 @@ def run(command: str) -> tuple[int, str, str]:
     """Run a command line in this process; return its exit code, standard output and standard error."""
     program, *arguments = shlex.split(command)
     out, err = io.StringIO(), io.StringIO()
-    handlers, level = logging.root.handlers[:], logging.root.level  # Hydra replaces them
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         try:
             code = _main(program, arguments)
         except SystemExit as left:
             code = left.code
-        finally:
-            logging.root.handlers[:] = handlers
-            logging.root.setLevel(level)
     lines = [line for line in err.getvalue().splitlines(keepends=True) if not line.startswith(ANNOUNCEMENTS)]
     return code, out.getvalue(), "".join(lines)
 
