@@ -55,7 +55,7 @@ class SSHADE_PG_object(bpy.types.PropertyGroup):
         description="Method of the converged shape",
         items=(
             ("fast", "Fast", "Solve a small proxy of the mesh"),
-            ("fine", "Fine", "Polish the result at full resolution, in five to twenty times the time"),
+            ("fine", "Fine", "Polish the result at full resolution, in three to eleven times the time"),
         ),
     )
     joints: FloatProperty(

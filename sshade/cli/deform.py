@@ -34,8 +34,8 @@ that is not manifold is cut, and joined again afterwards; a one-sided surface is
 
 methods:
   fast         one proxy with volume and area constraints (default)
-  fine         fast with a polish at full resolution: five times slower at 170,000 vertices, twenty times
-               at 2.7 million
+  fine         fast with a polish at full resolution: three times slower at 170,000 vertices, eleven
+               times at 1.8 million
   paper        the published method with an accelerated solver, the mean of five proxies
   interpolate  a smooth map through dense handles, without an elastic surface; takes no options
 
