@@ -137,7 +137,7 @@ def command(options: argparse.Namespace) -> int:
         from sshade.cli.notes import announced_warnings, reached, stored_positions, tell
         from sshade.files.meshes import write_file
         from sshade.mesh.parts import NearParts
-        from sshade.method.bound import Bound, stays_at_rest
+        from sshade.method.bound import Bound
 
         opened = open_task(options, given)
         if sequence:
@@ -165,7 +165,7 @@ def command(options: argparse.Namespace) -> int:
         say(f"quality: {bound.quality(result.vertices)}")
         gap = NearParts(shape.mesh).gap(result.vertices)
         tell(options, opened, result.facts, error=error, rounding=rounding, gaps=[gap])
-    if options.amount and stays_at_rest(task, resolved):
+    if options.amount and task.is_at_rest and not resolved.volume_goal:
         say('note: no handle moves: give a group a "target", a "translation" or a "rotation"')
     if result.converged is False:
         say(

@@ -114,6 +114,12 @@ def members(labels: np.ndarray, count: int) -> list[np.ndarray]:
     return np.split(order, np.cumsum(np.bincount(labels, minlength=count)))[:count]
 
 
+def at_means(vertex: np.ndarray, V: np.ndarray) -> np.ndarray:
+    """Replace each of the positions V (k, 3) by the mean of all positions of its vertex (k,)."""
+    _, inverse, count = np.unique(vertex, return_inverse=True, return_counts=True)
+    return np.stack([(np.bincount(inverse, x) / count)[inverse] for x in V.T], axis=1)
+
+
 @kernel
 def sort_by_id(ids, n):
     """Sort entries by their ids, stably, by counting.

@@ -29,7 +29,7 @@ from scipy.sparse import csr_array
 from sshade.core.errors import InputError, counted
 from sshade.core.progress import Progress, renamed
 from sshade.mesh.cutting import cut_to_manifold, without_duplicates
-from sshade.mesh.incidence import flagged, members, numbered
+from sshade.mesh.incidence import at_means, flagged, members, numbered
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.rigid import common_motion
 from sshade.mesh.unconstrained import contacts, leaders, move_rigidly
@@ -453,9 +453,3 @@ class Assembly:
             rotation=rotation,
             area_portion=portion,
         )
-
-
-def at_means(vertex: np.ndarray, V: np.ndarray) -> np.ndarray:
-    """Replace each of the positions V (k, 3) by the mean of all positions of its vertex (k,)."""
-    _, inverse, count = np.unique(vertex, return_inverse=True, return_counts=True)
-    return np.stack([(np.bincount(inverse, x) / count)[inverse] for x in V.T], axis=1)

@@ -19,7 +19,6 @@ from __future__ import annotations
 
 import logging
 from collections import Counter
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from math import inf
@@ -60,8 +59,6 @@ GOAL_AREA = 0.1
 FLAT = 1e-5
 #: Relative error of a goal from which on a warning is logged.
 MISSED = 0.01
-#: Largest move of a handle that is rounding, as a fraction of the bounding-box diagonal.
-AT_REST = 1e-9
 #: Why a volume cannot be kept, by the reasons of :mod:`sshade.solver.constraints`.
 NO_VOLUME = {
     "boundary": "the surface has a boundary",
@@ -526,15 +523,6 @@ def options_of(part: Part) -> Options:
     return options if "area" in options.given else replace(options, area=min(options.area, GOAL_AREA))
 
 
-def stays_at_rest(task: DeformationTask, options: Options) -> bool:
-    """Whether no handle moves and nothing else changes the mesh."""
-    handles, mesh = task.handles, task.mesh
-    if handles.has_rotation.any() or options.volume_goal:
-        return False
-    moved = np.linalg.norm(handles.target - mesh.V[handles.index], axis=1).max()
-    return bool(moved <= AT_REST * mesh.diagonal)
-
-
 def goal_error(mesh: Mesh, V: np.ndarray, volume_goal: float) -> float:
     """Return the relative error of the volume of M' (n, 3)."""
     F = mesh.F.astype(np.uint32)
@@ -550,8 +538,7 @@ def warn_of_missed(error: float) -> None:
 def _warn_if_nothing_is_fixed(task: DeformationTask, options: Options) -> None:
     """Warn if all handles make one rigid motion, because the mesh then moves as a whole."""
     handles = task.handles
-    free = handles.has_rotation.any() or options.volume_goal is not None
-    if free or stays_at_rest(task, options):
+    if handles.has_rotation.any() or options.volume_goal is not None or task.is_at_rest:
         return
     if common_motion(task.mesh.V[handles.index], handles.target) is not None:
         log.warning(
@@ -560,7 +547,7 @@ def _warn_if_nothing_is_fixed(task: DeformationTask, options: Options) -> None:
         )
 
 
-def _warn_of_volume(states: Sequence[str]) -> None:
+def _warn_of_volume(states: list[str]) -> None:
     """Warn once of all parts whose volume should be constrained, but is not, from the states of all parts."""
     for state, count in Counter(state for state in states if state.startswith("off: ")).items():
         where = f" in {count} of {len(states)} components" if len(states) > 1 else ""

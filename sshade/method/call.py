@@ -109,8 +109,9 @@ def deform(
     method : {"fast", "fine", "paper", "interpolate"} or callable
         "fast" solves one proxy. "fine" also polishes the result at full resolution: it creases less, leaves
         no dents of samples, and takes three times as long at 170,000 vertices, and eleven times at 1.8
-        million. "paper" is the published method with an accelerated solver; ``accelerate=False`` takes the published iterations. "interpolate"
-        is for dense handles: it solves for no elastic shape, and takes no options. Any other
+        million. "paper" is the published method with an accelerated solver; ``accelerate=False`` takes the
+        published iterations. "interpolate" is for dense handles: it solves for no elastic shape, and takes no
+        options. Any other
         :class:`sshade.Method` is called with the task.
     weight : (k,) float64 or float, optional
         Weight of soft handles, which are pulled to their targets; inf, the default, is a hard handle. 1 is

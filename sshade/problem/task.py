@@ -17,6 +17,9 @@ from sshade.mesh.unconstrained import HOW_TO_CONSTRAIN
 from sshade.problem.facts import Facts, Joint
 from sshade.problem.handles import Handles
 
+#: Largest move of a handle that is rounding, as a fraction of the bounding-box diagonal.
+UNMOVED = 1e-9
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class DeformationTask(Shown):
@@ -70,6 +73,13 @@ class DeformationTask(Shown):
         for name in ("truth", "guess"):
             if (positions := getattr(self, name)) is not None:
                 object.__setattr__(self, name, self.mesh.checked(positions, name))
+
+    @property
+    def is_at_rest(self) -> bool:
+        """Whether no handle moves or turns."""
+        handles = self.handles
+        moved = np.linalg.norm(handles.target - self.mesh.V[handles.index], axis=1).max()
+        return bool(moved <= UNMOVED * self.mesh.diagonal) and not handles.has_rotation.any()
 
     def at(self, handles: Handles, *, guess: np.ndarray | None = None) -> DeformationTask:
         """Return the task with handles and a guess that were checked for its mesh; it has no truth."""
