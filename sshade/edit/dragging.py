@@ -8,7 +8,7 @@ from sshade.core.errors import InputError
 from sshade.mesh.mesh import Mesh
 from sshade.method.bound import Deformer
 from sshade.problem.handles import Handles
-from sshade.solver.aim import LOCAL
+from sshade.solver.aim import LOCAL, share_at_rest
 
 #: Proxy vertices during a drag, a third of the usual number. With 6000 the shape is a seventh nearer to the
 #: converged shape, but a step takes 1.5 times as long.
@@ -33,8 +33,7 @@ def bound_for_drag(mesh: Mesh, handles: Handles, method: str) -> Deformer:
         When a component cannot be bound with these handles.
     """
     is_paper = method == "paper"
-    areas = mesh.vertex_areas[handles.index]
-    local = float(np.where(handles.dynamic, -areas, areas).sum()) > FIXED * mesh.area
+    local = share_at_rest(mesh, handles.index, ~handles.dynamic) > FIXED
     return Deformer(
         mesh,
         handles.index,

@@ -53,6 +53,14 @@ class Aim:
     pressure: tuple[float, float] = (math.inf, math.inf)
 
 
+def share_at_rest(mesh: Mesh, index: np.ndarray, at_rest: np.ndarray) -> float:
+    """Return the share of the area at handles (k,) at rest, less the share at others.
+
+    `at_rest` (k,) is 1 for a handle at rest, 0 for a handle that moves, or between.
+    """
+    return float((2.0 * at_rest - 1.0) @ mesh.vertex_areas[index]) / (mesh.area or 1.0)
+
+
 def largest_pressures(mesh: Mesh, handles: Handles, options: Options) -> tuple[float, float]:
     """Return the largest pressures of an exact volume and an exact area.
 
@@ -64,7 +72,7 @@ def largest_pressures(mesh: Mesh, handles: Handles, options: Options) -> tuple[f
         return math.inf, math.inf
     moved = np.linalg.norm(handles.target - mesh.V[handles.index], axis=1)
     at_rest = np.clip(1.0 - moved / (RESTING * (moved.max() or 1.0)), 0.0, 1.0)
-    share = float((2.0 * at_rest - 1.0) @ mesh.vertex_areas[handles.index]) / (mesh.area or 1.0)
+    share = share_at_rest(mesh, handles.index, at_rest)
     exact = float(np.clip((LOCAL[1] - share) / (LOCAL[1] - LOCAL[0]), LEAST, 1.0))
     return exact * PRESSURE[0], PRESSURE[1]
 
