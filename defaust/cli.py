@@ -9,7 +9,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from sshade.core.console import CommandParser, asked_help, progress_bar, run_command, version_of
+from sshade.core.console import CommandParser, asked_help, mistakes_told, progress_bar, version_of
 from sshade.core.errors import counted
 
 EPILOG = """examples:
@@ -44,14 +44,12 @@ EXTRAS = dict.fromkeys(("igl", "pymeshlab", "hydra", "omegaconf"), "bench")
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return 0 on success, 1 if verify finds faults, 2 on bad input."""
-
-    def run() -> int:
+    with mistakes_told(extras=EXTRAS) as end:
         args = make_parser().parse_args(asked_help(sys.argv[1:] if argv is None else argv))
         logging.basicConfig(format="%(message)s")
         command = {"example": _example, "build": _build, "verify": _verify}[args.command]
-        return command(args)
-
-    return run_command(run, extras=EXTRAS)
+        end.code = command(args)
+    return end.code
 
 
 def make_parser() -> argparse.ArgumentParser:

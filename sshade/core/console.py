@@ -15,7 +15,7 @@ import threading
 import warnings
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from functools import partial
+from dataclasses import dataclass
 from importlib import import_module
 from typing import NamedTuple, NoReturn
 
@@ -136,8 +136,16 @@ def how_to_install(extra: str) -> str:
     return f"install the extra {extra}, for example with pip install '.[{extra}]' in a clone"
 
 
-def run_command(main: Callable[[], int], *, extras: Mapping[str, str] | None = None) -> int:
-    """Call `main`; report a mistake in one line on standard error and return exit code 2.
+@dataclass
+class Ending:
+    """How a command ended."""
+
+    code: int = 0
+
+
+@contextmanager
+def mistakes_told(*, extras: Mapping[str, str] | None = None) -> Iterator[Ending]:
+    """Report a mistake in a ``with`` block in one line on standard error, with exit code 2.
 
     Mistakes are an InputError; a FloatingPointError, when numbers fail on a mesh, for example with
     zero-area triangles; an OSError; a lack of memory; and a library that is not installed, if it is one of
@@ -145,16 +153,18 @@ def run_command(main: Callable[[], int], *, extras: Mapping[str, str] | None = N
     If the reader of standard output has ended, as after ``| head``, the command ends silently. SIGINT and
     SIGTERM end it with exit code 130 and 143, and leave no temporary file.
     """
+    end = Ending()
     with _ended_by_sigterm():
         try:
-            code = main()
+            yield end
             sys.stdout.flush()  # here, where a closed pipe is handled
-            return code
+            return
         except (InputError, FloatingPointError) as error:
             mistake = str(error)
         except BrokenPipeError:
             _drop_output()
-            return 141
+            end.code = 141
+            return
         except OSError as error:
             _drop_output()
             mistake = f"{error.filename}: {reason(error)}" if error.filename else reason(error)
@@ -167,13 +177,15 @@ def run_command(main: Callable[[], int], *, extras: Mapping[str, str] | None = N
         except (KeyboardInterrupt, Ended, SystemError) as error:
             arrived = arrived_in(error)
             if isinstance(arrived, Ended):
-                return 128 + signal.SIGTERM
+                end.code = 128 + signal.SIGTERM
+                return
             if not isinstance(arrived, KeyboardInterrupt):
                 raise
             say("interrupted")
-            return 130
+            end.code = 130
+            return
     say(f"error: {mistake}")
-    return 2
+    end.code = 2
 
 
 def arrived_in(error: BaseException) -> BaseException:
@@ -254,9 +266,10 @@ class Program(NamedTuple):
         """Run the command line; return the exit code."""
         name, *arguments = asked_help((sys.argv[1:] if argv is None else argv) or ["--help"])
         try:
-            if name in ("-h", "--help", "--version"):
-                return run_command(lambda: self.tell(name))
-            return run_command(partial(self.call, name, arguments), extras=self.extras)
+            with mistakes_told(extras=self.extras) as end:
+                tells = name in ("-h", "--help", "--version")
+                end.code = self.tell(name) if tells else self.call(name, arguments)
+            return end.code
         except KeyboardInterrupt:  # while libraries are imported
             print("interrupted", file=sys.stderr)  # noqa: T201
             return 130

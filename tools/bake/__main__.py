@@ -12,7 +12,7 @@ import numpy as np
 
 import tools.bake
 from sshade import InputError
-from sshade.core.console import run_command
+from sshade.core.console import mistakes_told
 from sshade.core.whole_files import replacing
 from tools.bake import animals, bodies, new_bodies, noisy
 
@@ -29,8 +29,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--mpfb2", type=Path, help="folder of MPFB2's data, with 3dobjs, rigs and targets")
     parser.add_argument("--out", type=Path, required=True, help="the .npz to write")
     args = parser.parse_args(argv)
-
-    def work() -> int:
+    with mistakes_told() as end:
         if args.mpfb2 is not None and not (args.mpfb2 / "3dobjs" / "base.obj").is_file():
             raise InputError(f"{args.mpfb2}: holds no 3dobjs/base.obj; give the folder of MPFB2's data")
         if args.asset == "new_bodies" and args.mpfb2 is None:
@@ -40,9 +39,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             np.savez_compressed(temporary, **arrays)
         data = args.out.read_bytes()
         print(f"{args.out}: {len(data)} bytes, sha256 {hashlib.sha256(data).hexdigest()}")
-        return 0
-
-    return run_command(work)
+    return end.code
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ import pytest
 
 from defaust.cli import EXTRAS as OF_DEFAUST
 from eval import EXTRAS as OF_EVAL
-from sshade.core.console import EXTRAS, run_command
+from sshade.core.console import EXTRAS, mistakes_told
 
 #: A Python in which no library of an extra can be imported.
 REFUSE = f"""\
@@ -69,5 +69,5 @@ def test_the_extra_is_named_in_one_sentence(sound, program):
 
 
 def test_another_missing_module_is_an_error_of_the_program():
-    with pytest.raises(ModuleNotFoundError, match="no_such_library"):
-        run_command(lambda: __import__("no_such_library"))
+    with pytest.raises(ModuleNotFoundError, match="no_such_library"), mistakes_told():
+        __import__("no_such_library")

@@ -12,7 +12,7 @@ import pytest
 
 from sshade import DeformationTask, Handles, InputError, Mesh, deform, read_handles
 from sshade.cli.main import main
-from sshade.core.console import progress_bar, run_command
+from sshade.core.console import mistakes_told, progress_bar
 from sshade.core.whole_files import replacing
 from sshade.files.meshes import read_arrays, read_mesh, write_mesh
 from sshade.files.task_files import write_handles
@@ -157,14 +157,20 @@ def test_help_all_tells_the_rare_switches(capsys, switch, told):
     assert ("--attachment A" in capsys.readouterr().out) == told
 
 
+def ended(work) -> int:
+    with mistakes_told() as end:
+        end.code = work()
+    return end.code
+
+
 def test_an_interrupt_ends_with_130_and_an_error_of_the_program_is_not_hidden(capsys):
     closed = PermissionError(13, "Permission denied", "rows.csv")
     command = Mock(side_effect=[KeyboardInterrupt, InputError("too small"), closed, 0, ValueError("a bug")])
-    assert [run_command(command) for _ in range(4)] == [130, 2, 2, 0]
+    assert [ended(command) for _ in range(4)] == [130, 2, 2, 0]
     said = "interrupted\nerror: too small\nerror: rows.csv: Permission denied\n"
     assert capsys.readouterr().err == said
     with pytest.raises(ValueError, match="a bug"):
-        run_command(command)
+        ended(command)
 
 
 @pytest.mark.parametrize(("name", "code"), [("SIGTERM", 143), ("SIGINT", 130)])
@@ -180,7 +186,7 @@ def test_a_signal_ends_a_command_and_leaves_no_file_and_the_handlers_as_they_wer
     given = {signal.SIGTERM: signal.SIG_DFL, signal.SIGINT: signal.default_int_handler}[number]
     before = signal.signal(number, given)  # nohup and others ignore signals, and children inherit this
     try:
-        assert run_command(work) == code and signal.getsignal(number) == given
+        assert ended(work) == code and signal.getsignal(number) == given
     finally:
         signal.signal(number, before)
     assert [p.name for p in here.iterdir()] == ["a.txt"] and Path("a.txt").read_text() == "old"
@@ -192,10 +198,10 @@ def test_an_interrupt_in_a_compiled_function_is_no_error_of_the_program(capsys):
 
     for cause in (KeyboardInterrupt(), SystemError()):
         cause.__cause__ = None if isinstance(cause, KeyboardInterrupt) else KeyboardInterrupt()
-        assert run_command(lambda cause=cause: fails(cause)) == 130
+        assert ended(lambda cause=cause: fails(cause)) == 130
         assert capsys.readouterr().err == "interrupted\n"
     with pytest.raises(SystemError):
-        run_command(lambda: fails(ValueError()))
+        ended(lambda: fails(ValueError()))
 
 
 @pytest.mark.skipif(os.name == "nt", reason="needs pipes with names")
