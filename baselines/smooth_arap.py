@@ -39,8 +39,7 @@ from sshade.core.errors import InputError
 from sshade.core.progress import Progress, silent
 from sshade.mesh.mesh import Mesh
 from sshade.problem.options import Start
-from sshade.problem.stop import Stop
-from sshade.problem.task import DeformationResult, DeformationTask
+from sshade.problem.task import DeformationResult, DeformationTask, Stop
 from sshade.solver.aim import initial_guess
 from sshade.solver.factorisation import Factorised
 from sshade.solver.laplacian import edge_weights, half_cotangents, laplacian_matrix

@@ -27,8 +27,7 @@ from baselines.volumetric.node_handles import node_handles
 from sshade.core.errors import InputError
 from sshade.core.progress import Progress, silent
 from sshade.problem.options import Start
-from sshade.problem.stop import Stop
-from sshade.problem.task import DeformationResult, DeformationTask
+from sshade.problem.task import DeformationResult, DeformationTask, Stop
 from sshade.solver.run import run
 
 

@@ -1,4 +1,4 @@
-"""Arguments and files that several sub-commands of ``sshade`` share."""
+"""Arguments, files and saved options that several sub-commands of ``sshade`` share."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ from sshade.files.by_library import READABLE, WRITABLE, require_libraries
 from sshade.files.handle_files import FORMATS as HANDLE_FILES
 from sshade.files.handle_files import is_landmark_file
 from sshade.files.mesh_file import MeshFile, listed
-from sshade.problem.options import described, help_text
+from sshade.mesh.weld import check_weld
+from sshade.problem.options import accepted, described, help_text, require_method, resolve
 
 if TYPE_CHECKING:
     from sshade.files.handle_files import HandleFile
@@ -204,3 +205,31 @@ def open_task(options: argparse.Namespace, given: Sequence[HandleFile]) -> OpenT
         poses = [replace(pose, weight=np.where(pose.hard, soft, pose.weight)) for pose in poses]
     task = shape.task(options.mesh.stem, poses[0], refuse_unconstrained=options.refuse_unconstrained)
     return OpenTask(file, shape, given, poses, task)
+
+
+def take_saved_options(options: argparse.Namespace, path: Path, given: HandleFile) -> None:
+    """Take the options of a handle file that the command line leaves out, and report them.
+
+    Raises
+    ------
+    InputError
+        On an unknown option, or a value out of its range.
+    """
+    made = given.made
+    of_method = {name: value for name, value in made.items() if name not in ("method", "weld", "repair")}
+    with naming(f'{path}, key "made"'):
+        resolve(require_method(made.get("method", "fast")), of_method)
+        if "weld" in made:
+            check_weld(made["weld"])
+    foreign = {*of_method} - {*accepted(options.method or made.get("method", "fast"))}
+    taken = {
+        name: value
+        for name, value in made.items()
+        if name not in foreign
+        and (getattr(options, name, None) is None or (name == "repair" and not options.repair))
+    }
+    for name, value in taken.items():
+        setattr(options, name, value)
+    if taken:
+        listed = ", ".join(f"{name} {value}" for name, value in taken.items())
+        say(f"note: {path} sets {listed}; switches change this")

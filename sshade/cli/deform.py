@@ -67,8 +67,8 @@ from sshade.cli.arguments import (
     has_number,
     open_task,
     require_mesh_first,
+    take_saved_options,
 )
-from sshade.cli.saved_options import take_saved_options
 from sshade.cli.sequence import FPS, check_sequence, deform_poses
 from sshade.core.console import announced_compilation, progress_bar, say
 from sshade.core.errors import InputError
@@ -136,7 +136,7 @@ def command(options: argparse.Namespace) -> int:
     with announced_compilation():
         from sshade.cli.notes import announced_warnings, reached, stored_positions, tell
         from sshade.files.meshes import write_file
-        from sshade.mesh.parts import NearParts
+        from sshade.mesh.quality import NearParts
         from sshade.method.bound import Bound
 
         opened = open_task(options, given)

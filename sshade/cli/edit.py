@@ -29,8 +29,8 @@ from sshade.cli.arguments import (
     add_repair,
     check_outputs,
     require_mesh_first,
+    take_saved_options,
 )
-from sshade.cli.saved_options import take_saved_options
 from sshade.core.console import announced_compilation, compilation_told, say
 from sshade.core.errors import InputError
 from sshade.files.by_library import WRITABLE, check_mesh

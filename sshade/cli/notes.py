@@ -19,13 +19,13 @@ from sshade.files.by_library import EXTRA
 from sshade.files.handle_files import HandleFile
 from sshade.files.mesh_file import MeshFile
 from sshade.files.meshes import SINGLE, read_file
-from sshade.interpolation.dense_handles import are_dense
 from sshade.mesh.mesh import Mesh
-from sshade.mesh.parts import Gap
+from sshade.mesh.quality import Gap
 from sshade.mesh.surface import Surface, as_single
 from sshade.problem.facts import Facts
 from sshade.problem.handle_checks import SAME_TARGET, astray
 from sshade.problem.handles import Handles
+from sshade.regions.handle_regions import are_dense
 
 #: Distance between vertices that touched, as a fraction of the diagonal, up to which they still touch.
 APART = 1e-6

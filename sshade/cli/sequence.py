@@ -54,8 +54,7 @@ def deform_poses(options: argparse.Namespace, opened: OpenTask, resolved: Option
     from sshade.cli.notes import announced_warnings, near_target, reached, stored_positions, tell
     from sshade.files.gltf_morph import write_morphs
     from sshade.files.meshes import write_file
-    from sshade.mesh.parts import Gap, NearParts
-    from sshade.mesh.quality import worst
+    from sshade.mesh.quality import Gap, NearParts, worst
     from sshade.mesh.surface import as_single
     from sshade.method.bound import Bound
     from sshade.method.sequence import solved_poses

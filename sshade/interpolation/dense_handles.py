@@ -19,7 +19,7 @@ from sshade.interpolation.splines import fit_splines, interpolate, neighbours
 from sshade.mesh.unconstrained import contacts, leaders, move_rigidly
 from sshade.problem.facts import Facts
 from sshade.problem.task import DeformationResult, DeformationTask
-from sshade.regions.handle_regions import edge_vertices
+from sshade.regions.handle_regions import distance_to_handles, hard_positions_alone
 
 #: Over the distance to the nearest handle that nearly all of the surface has at most: handles nearer than
 #: SAME_PLACE are one place where centres are chosen, because the number of pairs grows with the square of the
@@ -29,39 +29,6 @@ SAME_PLACE, THINNED = 1 / 64, 0.5
 TOGETHER = 32
 #: Largest number of splines.
 SPLINES = 2000
-#: Number of vertices at which the distance to the handles is measured, and the quantile of their area.
-PROBES, NEARLY_ALL = 20_000, 0.95
-#: Distance to the nearest handle up to which handles are dense, as a fraction of the square root of the area.
-DENSE = 0.05
-
-
-def are_dense(task: DeformationTask) -> bool:
-    """Whether nearly all of the surface is near handles of a kind that can be interpolated.
-
-    Regions, whose handles are mostly inside of the region, are not dense handles.
-    """
-    handles, mesh = task.handles, task.mesh
-    if not mesh.area or not hard_positions_alone(task):
-        return False
-    if 2 * len(edge_vertices(mesh, handles.index)) < len(handles):
-        return False
-    return distance_to_handles(task) <= DENSE * float(np.sqrt(mesh.area))
-
-
-def hard_positions_alone(task: DeformationTask) -> bool:
-    """Whether all handles are hard and none has a rotation."""
-    handles = task.handles
-    return handles.prescribed_rotations is None and bool(handles.hard.all())
-
-
-def distance_to_handles(task: DeformationTask) -> float:
-    """Return the distance to the nearest handle that nearly all of the surface has at most."""
-    mesh = task.mesh
-    probes = np.linspace(0, mesh.n - 1, min(PROBES, mesh.n)).astype(np.int64)
-    distance, _ = cKDTree(mesh.V[task.handles.index]).query(mesh.V[probes])
-    order, area = np.argsort(distance), mesh.vertex_areas[probes]
-    below = np.cumsum(area[order]) / area.sum()
-    return float(distance[order[np.searchsorted(below, NEARLY_ALL)]])
 
 
 def interpolate_handles(task: DeformationTask, *, progress: Progress = silent) -> DeformationResult:

@@ -1,4 +1,4 @@
-"""Searches among points by boxes around them: opposite vertices of a surface, distances from points.
+"""Searches by boxes around points: opposite vertices of a surface, distances from points, crossing faces.
 
 Points that are near each other are enclosed in boxes, and boxes in boxes. They tell where no smaller value
 can be.
@@ -35,8 +35,8 @@ LEAST = 0.05
 EACH = 8
 #: Cells along the longest side of the grid that orders the vertices.
 CELLS = 1 << 20
-#: Number of vertices that a thread works on at a time.
-ROWS = 1024
+#: Number of vertices, and of boxes of faces, that a thread works on at a time.
+ROWS, LEAVES = 1024, 256
 
 
 def opposite_vertices(mesh: Mesh, asked: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
@@ -77,6 +77,31 @@ def distances(V: np.ndarray, points: np.ndarray, offsets: np.ndarray) -> np.ndar
     boxes, found = Boxes.of(points), np.empty(len(V))
     order = boxes.order
     _distances(boxes.start, boxes.low, boxes.high, points[order], offsets[order], V, found)
+    return found
+
+
+def crossing_faces(V: np.ndarray, F: np.ndarray) -> np.ndarray:
+    """Return a mask (m,) of the faces that a side of another face pierces, or whose side pierces another.
+
+    Faces with a common edge do not count, and faces that only touch may count or not: the decision uses
+    floating point. The evaluator counts by exact predicates.
+
+    Parameters
+    ----------
+    V : (n, 3) float64
+    F : (m, 3) int64
+    """
+    corners = V[F]
+    lowest, highest = corners.min(axis=1), corners.max(axis=1)
+    boxes = Boxes.of(0.5 * (lowest + highest))
+    order, low, high = boxes.order, boxes.low, boxes.high
+    spare = np.empty_like(low)
+    enclose(lowest, order, boxes.start, low, spare)
+    enclose(highest, order, boxes.start, spare, high)
+    found, leaves = np.zeros(len(F), dtype=bool), int(boxes.start[1])
+    with ThreadTeam(available_cpus() if len(F) >= SMALL else 1) as team:
+        arrays = boxes.start, low, high, lowest[order], highest[order], V, F[order], order, found
+        team.ranges(_cross, leaves, *arrays, rows=LEAVES)
     return found
 
 
@@ -315,3 +340,68 @@ def _distances(start, low, high, points, offsets, V, found):
                 if total < best:
                     best, last = total, j
         found[i] = best
+
+
+@subroutine
+def _overlap(low, high, a, others_low, others_high, b):
+    for axis in range(3):
+        if low[a, axis] > others_high[b, axis] or others_low[b, axis] > high[a, axis]:
+            return False
+    return True
+
+
+@subroutine
+def _height(V, a, b, c, d):
+    """Six times the signed volume of a tetrahedron."""
+    ux, uy, uz = V[b, 0] - V[a, 0], V[b, 1] - V[a, 1], V[b, 2] - V[a, 2]
+    vx, vy, vz = V[c, 0] - V[a, 0], V[c, 1] - V[a, 1], V[c, 2] - V[a, 2]
+    wx, wy, wz = V[d, 0] - V[a, 0], V[d, 1] - V[a, 1], V[d, 2] - V[a, 2]
+    return ux * (vy * wz - vz * wy) + uy * (vz * wx - vx * wz) + uz * (vx * wy - vy * wx)
+
+
+@subroutine
+def _pierces(V, face, other):
+    """Whether a side of a face pierces another face. Sides with a common corner do not count."""
+    a, b, c = other[0], other[1], other[2]
+    for k in range(3):
+        p, q = face[k], face[(k + 1) % 3]
+        if p in (a, b, c) or q in (a, b, c):
+            continue
+        if _height(V, a, b, c, p) * _height(V, a, b, c, q) >= 0.0:
+            continue
+        one, two, three = _height(V, p, q, a, b), _height(V, p, q, b, c), _height(V, p, q, c, a)
+        if (one > 0.0) == (two > 0.0) == (three > 0.0):
+            return True
+    return False
+
+
+@kernel
+def _cross(begin, end, start, low, high, lowest, highest, V, F, order, found):
+    """Mark faces in a range of leaves that cross faces of these or later leaves. F has the boxes' order."""
+    stack, depth = np.empty(EACH * len(start), dtype=np.int64), np.empty(EACH * len(start), dtype=np.int64)
+    for leaf in range(begin, end):
+        top = 1
+        stack[0], depth[0] = start[-1] - 1, len(start) - 2
+        while top > 0:
+            top -= 1
+            b, level = stack[top], depth[top]
+            if not _overlap(low, high, leaf, low, high, b):
+                continue
+            if level > 0:
+                first, last = _children(start, level, b)
+                for child in range(first, last):
+                    stack[top], depth[top] = child, level - 1
+                    top += 1
+                continue
+            if b < leaf:
+                continue
+            for i in range(EACH * leaf, min(EACH * leaf + EACH, len(F))):
+                if not _overlap(lowest, highest, i, low, high, b):
+                    continue
+                for j in range(max(EACH * b, i + 1), min(EACH * b + EACH, len(F))):
+                    if found[order[i]] and found[order[j]]:
+                        continue
+                    if not _overlap(lowest, highest, i, lowest, highest, j):
+                        continue
+                    if _pierces(V, F[i], F[j]) or _pierces(V, F[j], F[i]):
+                        found[order[i]] = found[order[j]] = True

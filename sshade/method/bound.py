@@ -42,8 +42,7 @@ from sshade.method.polish import polished, set_up
 from sshade.problem.facts import Facts
 from sshade.problem.handle_checks import checked_index, checked_target, ids_of
 from sshade.problem.options import Options, OptionValues, as_row, resolve
-from sshade.problem.stop import Stop
-from sshade.problem.task import DeformationResult, DeformationTask, Handles
+from sshade.problem.task import DeformationResult, DeformationTask, Handles, Stop
 from sshade.proxy.frames import checked_out
 from sshade.regions.handle_regions import has_regions
 from sshade.solver.constraints import enclosed_volume
@@ -399,6 +398,7 @@ class Bound:
         self._proxies = self._proxies if step else []
         for part in assembly.parts():
             own, report = part.task, part.progress
+            proxies: list[tuple[np.ndarray, np.ndarray]] = []
             with part.named():
                 options = part.options if step else options_of(part)
                 if self._steps.part is not None:
@@ -411,33 +411,30 @@ class Bound:
                         result = polished(
                             own,
                             options,
-                            # Only `polished` has the result and can free its memory.
-                            self._through_proxies(part, stop, anew=anew),
+                            # Only `polished` has the result, and nothing the piece, so that it can free both.
+                            self._piece(part, anew=anew).deform(
+                                own, stop=stop, proxies=proxies, progress=report
+                            ),
                             ready=ready,
                             begin=begin,
                             progress=report,
                         )
                 else:
-                    result = self._through_proxies(part, stop, anew=anew, out=out)
+                    piece = self._piece(part, anew=anew)
+                    result = piece.deform(own, stop=stop, out=out, proxies=proxies, progress=report)
                 if self._steps.part is None and not step:
                     result = replace(result, facts=self._facts(part, options, result))
+            self._proxies += [(self._of_mesh(part, samples), faces) for samples, faces in proxies]
             assembly.put(result)
         result = assembly.together()
         if not step:
             _warn_of_volume(assembly.states)
         return result
 
-    def _through_proxies(
-        self, part: Part, stop: Stop | None, *, anew: bool, out: np.ndarray | None = None
-    ) -> DeformationResult:
-        """Deform a part by its proxies, and remember the first of them for :meth:`quality`."""
-        piece = self._piece(part, anew=anew)
-        result = piece.deform(part.task, stop=stop, out=out, progress=part.progress)
-        if piece.first_proxy is not None:
-            samples, faces = piece.first_proxy
-            origin = None if self._components is None else self._components.origin(part.component)
-            self._proxies.append((samples if origin is None else origin[samples], faces))
-        return result
+    def _of_mesh(self, part: Part, vertices: np.ndarray) -> np.ndarray:
+        """Return the vertices of `mesh` for vertices of a part."""
+        origin = None if self._components is None else self._components.origin(part.component)
+        return vertices if origin is None else origin[vertices]
 
     def _assembly(self, task: DeformationTask, progress: Progress, *, rigid: bool = True) -> Assembly | Whole:
         """Return the parts of the mesh at a task's targets."""

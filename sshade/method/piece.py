@@ -28,8 +28,7 @@ from sshade.mesh.mesh import Mesh
 from sshade.method.proxy_solver import ProxySolver, solver_threads
 from sshade.problem.facts import Facts
 from sshade.problem.options import Options
-from sshade.problem.stop import Stop
-from sshade.problem.task import DeformationResult, DeformationTask, Handles, joined
+from sshade.problem.task import DeformationResult, DeformationTask, Handles, Stop, joined
 from sshade.proxy.binding import Binding, bind_proxy, frame_maker
 from sshade.proxy.projection import Projector, project_to_fans
 from sshade.proxy.sample import proxy_mesh, proxy_vertices
@@ -129,8 +128,6 @@ class Piece:
         self.vertices = proxy_vertices(options.vertices, mesh.n, len(handles), coarser=options.coarser)
         self._take(handles)
         self.kept: list[Proxy] = []
-        #: Samples and faces of the first proxy of the last deformation.
-        self.first_proxy: tuple[np.ndarray, np.ndarray] | None = None
         #: Threads of a drag stay, because to begin and end them takes some tenths of a millisecond.
         self._team = ThreadTeam(self._carriers if keep else 1)
         if keep and not self.regions.covered:
@@ -176,6 +173,7 @@ class Piece:
         stop: Stop | None = None,
         settle: bool = True,
         out: np.ndarray | None = None,
+        proxies: list[tuple[np.ndarray, np.ndarray]] | None = None,
         progress: Progress = silent,
     ) -> DeformationResult:
         """Average M' over the samplings, and put it on its targets or correct its volume.
@@ -190,20 +188,22 @@ class Piece:
             Correct volume and targets by further solves at once. Without it, only a first deformation is.
         out : (n, 3) float64, C-contiguous, optional
             Takes the positions, if there is one proxy.
+        proxies : list of ((k,) int64, (l, 3) int64), optional
+            Takes the samples and the faces of the first proxy.
         progress : Progress
             Of proxies that are not kept.
         """
         if self.regions.covered:
             return all_on_targets(task)
         options, handles, guess = self.options, task.handles, task.guess
-        stop = stop or options.stop
+        stop, seen = stop or options.stop, [] if proxies is None else proxies
         if guess is not None:
             self.reset(guess)
         with ThreadTeam(1 if self.kept else self._carriers) as own_team:
             team = self._team if self.kept else own_team
             if options.samplings == 1:
                 proxy = self.kept[0] if self.kept else Proxy(self, 0, guess=guess, progress=progress)
-                self.first_proxy = proxy.sampling.samples, proxy.mesh.F
+                seen.append((proxy.sampling.samples, proxy.mesh.F))
                 results = [proxy.deform(handles, stop=stop, settle=settle, team=team, out=out)]
                 V = results[0].vertices
             else:
@@ -212,7 +212,7 @@ class Piece:
                     kept = self.kept[number] if self.kept else None
                     proxy = kept or Proxy(self, number, guess=guess, progress=progress)
                     if number == 0:
-                        self.first_proxy = proxy.sampling.samples, proxy.mesh.F
+                        seen.append((proxy.sampling.samples, proxy.mesh.F))
                     return proxy.deform(handles, stop=stop, settle=settle, team=team)
 
                 with ThreadPoolExecutor(max_workers=threads_of(options)) as pool:

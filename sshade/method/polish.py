@@ -12,8 +12,7 @@ from sshade.core.progress import Progress, renamed
 from sshade.core.threads import Pending, available_cpus
 from sshade.mesh.adjacency import vertex_graph
 from sshade.problem.options import Options
-from sshade.problem.stop import Stop
-from sshade.problem.task import DeformationResult, DeformationTask
+from sshade.problem.task import DeformationResult, DeformationTask, Stop
 from sshade.proxy.fronts import Fronts
 from sshade.regions.handle_regions import HandleRegions, has_regions
 from sshade.solver.aim import Aim

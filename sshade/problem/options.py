@@ -18,7 +18,7 @@ from typing import Any, Literal, NamedTuple, TypedDict, TypeVar
 import numpy as np
 
 from sshade.core.errors import InputError, meant
-from sshade.problem.stop import Stop
+from sshade.problem.task import Stop
 
 Elements = Literal["spokes", "spokes_and_rims"]
 Start = Literal["rest", "rigid"]

@@ -7,6 +7,8 @@ region. Samples that are handle vertices are the proxy's handles; up to a quarte
 
 In the end every hard handle vertex goes to its target, and the surface beside it follows
 (:mod:`sshade.regions.region_edges`). The volume of M' is corrected.
+
+Single handles that lie all over the surface are dense: nearly all of it is near one of them.
 """
 
 from __future__ import annotations
@@ -16,6 +18,7 @@ from functools import cached_property
 
 import numpy as np
 from scipy.sparse import csr_array
+from scipy.spatial import cKDTree
 
 from sshade.mesh.adjacency import VertexGraph
 from sshade.mesh.incidence import flagged, numbered
@@ -36,6 +39,10 @@ INSIDE = 1 / 3
 EDGE_RATIO, EDGE_SAMPLES = 4, 100
 #: Largest move of a vertex by the volume correction, in distances between samples.
 SHIFT = 0.1
+#: Number of vertices at which the distance to the handles is measured, and the quantile of their area.
+PROBES, NEARLY_ALL = 20_000, 0.95
+#: Distance to the nearest handle up to which handles are dense, as a fraction of the square root of the area.
+DENSE = 0.05
 
 
 class HandleRegions:
@@ -208,6 +215,35 @@ def has_regions(mesh: Mesh, index: np.ndarray, options: Options) -> bool:
 def _are_regions(edge: int, handles: int, vertices: int) -> bool:
     """Whether handles are regions, for the numbers of edge handles, of all handles and of proxy vertices."""
     return 2 * edge < handles or 2 * handles > vertices
+
+
+def are_dense(task: DeformationTask) -> bool:
+    """Whether nearly all of the surface is near handles of a kind that can be interpolated.
+
+    Regions, whose handles are mostly inside of the region, are not dense handles.
+    """
+    handles, mesh = task.handles, task.mesh
+    if not mesh.area or not hard_positions_alone(task):
+        return False
+    if 2 * len(edge_vertices(mesh, handles.index)) < len(handles):
+        return False
+    return distance_to_handles(task) <= DENSE * float(np.sqrt(mesh.area))
+
+
+def hard_positions_alone(task: DeformationTask) -> bool:
+    """Whether all handles are hard and none has a rotation."""
+    handles = task.handles
+    return handles.prescribed_rotations is None and bool(handles.hard.all())
+
+
+def distance_to_handles(task: DeformationTask) -> float:
+    """Return the distance to the nearest handle that nearly all of the surface has at most."""
+    mesh = task.mesh
+    probes = np.linspace(0, mesh.n - 1, min(PROBES, mesh.n)).astype(np.int64)
+    distance, _ = cKDTree(mesh.V[task.handles.index]).query(mesh.V[probes])
+    order, area = np.argsort(distance), mesh.vertex_areas[probes]
+    below = np.cumsum(area[order]) / area.sum()
+    return float(distance[order[np.searchsorted(below, NEARLY_ALL)]])
 
 
 def all_on_targets(task: DeformationTask) -> DeformationResult:

@@ -18,7 +18,7 @@ import numpy as np
 
 from sshade.core.threads import ThreadTeam
 from sshade.problem.options import Options
-from sshade.problem.stop import Stop
+from sshade.problem.task import Stop
 from sshade.solver.aim import Aim
 from sshade.solver.descent import Descent
 from sshade.solver.local_global import solution_of

@@ -32,7 +32,7 @@ from sshade.mesh.mesh import Mesh
 from sshade.mesh.rotations import fit_rotations, quaternions
 from sshade.problem.handles import Handles
 from sshade.problem.options import Options
-from sshade.problem.stop import Stop
+from sshade.problem.task import Stop
 from sshade.solver.aim import Aim, largest_pressures
 from sshade.solver.constraints import ConstraintReport, enclosed_volume
 from sshade.solver.local_global import solve

@@ -21,8 +21,7 @@ from sshade.core.progress import Progress, silent
 from sshade.core.threads import ThreadTeam
 from sshade.problem.handle_checks import checked_target
 from sshade.problem.options import Elements, Options
-from sshade.problem.stop import Stop
-from sshade.problem.task import DeformationTask
+from sshade.problem.task import DeformationTask, Stop
 from sshade.solver.aim import Aim, largest_pressures
 from sshade.solver.attachment import Attachment
 from sshade.solver.descent import Descent

@@ -21,11 +21,10 @@ from sshade.core.threads import ThreadTeam
 from sshade.mesh.incidence import flagged
 from sshade.mesh.mesh import Mesh
 from sshade.problem.options import Elements, Options
-from sshade.solver.bound_handles import BoundHandles
 from sshade.solver.constraints import ConstrainedSurface
 from sshade.solver.factorisation import Factorised, Linear, not_positive_definite
 from sshade.solver.multigrid import SMOOTHER, ConjugateGradients, Multigrid, VCycle
-from sshade.solver.ordered_mesh import Order, OrderedMesh
+from sshade.solver.ordered_mesh import BoundHandles, Order, OrderedMesh
 from sshade.solver.terms import TERMS, Term
 
 #: Degree of the finest level's smoother without exact steps. A polish reaches the same energy as with degree

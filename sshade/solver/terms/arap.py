@@ -45,8 +45,7 @@ from scipy.sparse import csr_array
 from sshade.core.errors import InputError
 from sshade.core.kernels import kernel, subroutine
 from sshade.problem.options import Options
-from sshade.solver.bound_handles import BoundHandles
-from sshade.solver.ordered_mesh import Order, OrderedMesh
+from sshade.solver.ordered_mesh import BoundHandles, Order, OrderedMesh
 from sshade.solver.terms.term import Term
 
 #: Triangles that are worked on together; their intermediate values stay in the first-level cache.

@@ -31,9 +31,8 @@ from scipy.sparse import csr_array, diags_array
 from sshade.core.kernels import kernel
 from sshade.mesh.mesh import Mesh
 from sshade.problem.options import Options
-from sshade.solver.bound_handles import BoundHandles
 from sshade.solver.multigrid import compressed_rows
-from sshade.solver.ordered_mesh import Order, OrderedMesh
+from sshade.solver.ordered_mesh import BoundHandles, Order, OrderedMesh
 from sshade.solver.terms.term import Term
 
 #: Sum of a vertex's absolute weights beyond which its energy fades. (L v)_i of slivers is no curvature.

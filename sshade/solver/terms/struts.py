@@ -22,8 +22,7 @@ import numpy as np
 from sshade.core.kernels import kernel
 from sshade.mesh.boxes import opposite_vertices
 from sshade.problem.options import Options
-from sshade.solver.bound_handles import BoundHandles
-from sshade.solver.ordered_mesh import Order, OrderedMesh
+from sshade.solver.ordered_mesh import BoundHandles, Order, OrderedMesh
 from sshade.solver.terms.term import Term
 
 

@@ -11,8 +11,7 @@ from scipy.sparse import csr_array
 
 from sshade.problem.options import Options
 from sshade.solver.aim import Aim
-from sshade.solver.bound_handles import BoundHandles
-from sshade.solver.ordered_mesh import Order, OrderedMesh
+from sshade.solver.ordered_mesh import BoundHandles, Order, OrderedMesh
 
 
 class Term(ABC):

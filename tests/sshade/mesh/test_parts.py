@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sshade import Mesh
-from sshade.mesh.parts import NEAR, NearParts, surface_points
+from sshade.mesh.quality import NEAR, NearParts, surface_points
 from tests.shapes import beside, block, icosphere, rotation, shifted, tube
 
 TUBE = tube(16, 10, length=2.0)

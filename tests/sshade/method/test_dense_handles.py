@@ -7,8 +7,9 @@ import pytest
 from scipy.interpolate import RBFInterpolator
 
 from sshade import DeformationTask, Handles, InputError, Mesh, deform
-from sshade.interpolation.dense_handles import are_dense, interpolate_handles
+from sshade.interpolation.dense_handles import interpolate_handles
 from sshade.interpolation.splines import fit_splines, interpolate, neighbours
+from sshade.regions.handle_regions import are_dense
 from tests.shapes import bent, beside, icosphere, rotation
 
 BODY = Mesh(icosphere(4).V * [2.0, 1.0, 0.7], icosphere(4).F)

@@ -6,7 +6,7 @@ import pytest
 from eval.metrics.shape import intersecting_faces
 from sshade import Deformer, Mesh
 from sshade.mesh import quality as module
-from sshade.mesh.crossings import crossing_faces
+from sshade.mesh.boxes import crossing_faces
 from sshade.mesh.quality import quality, worst
 from tests.shapes import beside, bumpy, icosphere, shifted, tube
 

@@ -16,9 +16,8 @@ from sshade.mesh.boxes import opposite_vertices
 from sshade.problem.options import Options, described
 from sshade.solver import laplacian
 from sshade.solver.aim import Aim
-from sshade.solver.bound_handles import BoundHandles
 from sshade.solver.laplacian import edge_weights, half_cotangents, laplacian_matrix
-from sshade.solver.ordered_mesh import OrderedMesh
+from sshade.solver.ordered_mesh import BoundHandles, OrderedMesh
 from sshade.solver.system import System, assembled
 from sshade.solver.terms import TERMS, Arap
 from sshade.solver.terms.bending import bending_stiffness
