@@ -16,7 +16,7 @@ from typing import Any
 
 from sshade.core.progress import Progress, silent
 from sshade.method.bound import Bound
-from sshade.method.piece import Steps
+from sshade.method.piece import Recipe
 from sshade.problem.options import SOLVER, Elements, Options, checked, takes_options
 from sshade.problem.task import DeformationResult, DeformationTask
 from sshade.solver.aim import initial_guess
@@ -115,5 +115,5 @@ def _solve(
     free = len(task.mesh.components_without(task.handles.index))
     if not (options.get("volume") or options.get("area") or free):
         return part(task, progress)
-    bound = Bound.of_task(task, Options(vertices=task.mesh.n), steps=Steps(part=part))
+    bound = Bound.of_task(task, Options(vertices=task.mesh.n), recipe=Recipe(part=part))
     return bound.solve(task.handles, guess=task.guess, progress=progress)

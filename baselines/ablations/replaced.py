@@ -29,7 +29,7 @@ from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.rigid import rigid_motion
 from sshade.method.bound import Bound
-from sshade.method.piece import Steps
+from sshade.method.piece import Recipe
 from sshade.method.transfer import transfer
 from sshade.problem.options import PROXIES, accepted, resolve, takes_options
 from sshade.problem.task import DeformationResult, DeformationTask, Handles, TransferTask
@@ -92,8 +92,8 @@ def paper_with(
         counts.append(int(cross_part(found, proxy, sampling).sum()))
         return found
 
-    steps = Steps(samplers[handle_mode], counted)
-    bound = Bound.of_task(task, resolve("paper", options), steps=steps)
+    recipe = Recipe(samplers[handle_mode], counted)
+    bound = Bound.of_task(task, resolve("paper", options), recipe=recipe)
     result = bound.solve(task.handles, guess=task.guess, progress=progress)
     far = float(np.mean(counts or 0))  # no proxy where every vertex is a handle
     facts = {"far_vertices": far, "far_share": 100 * far / task.mesh.n}

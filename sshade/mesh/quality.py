@@ -19,7 +19,7 @@ from sshade.mesh.boxes import crossing_faces
 from sshade.mesh.mesh import Mesh, unit_rows
 
 #: Largest number of faces of a mesh that is measured itself.
-WHOLE = 60_000
+MEASURED = 60_000
 #: Least length of a side that counts for the stretch, as a fraction of the mean side. The lengths of shorter
 #: sides mean little.
 LEAST = 0.1
@@ -93,7 +93,7 @@ def quality(
         Relative change of the volume.
     """
     vertices, F = np.arange(mesh.n), mesh.F
-    if mesh.m > WHOLE and proxies:
+    if mesh.m > MEASURED and proxies:
         vertices = np.concatenate([vertices for vertices, _ in proxies])
         first = np.cumsum([0, *(len(vertices) for vertices, _ in proxies)])
         F = np.concatenate([faces + k for (_, faces), k in zip(proxies, first, strict=False)])

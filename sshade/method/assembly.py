@@ -105,7 +105,7 @@ class Components:
         Number of copies of each vertex in each component.
     order : list of int
         Components with handles, then components joined to earlier components; larger first.
-    is_whole : bool
+    is_one_manifold : bool
         Whether the mesh without faces that are there twice is one connected, oriented manifold.
     """
 
@@ -117,7 +117,7 @@ class Components:
         self._led = leaders(self.mesh, self._free)
         self.cut = cut_to_manifold(self.mesh)
         sheets = self.cut.mesh.topology.components
-        self.is_whole = sheets == 1 and self.cut.mesh is self.mesh
+        self.is_one_manifold = sheets == 1 and self.cut.mesh is self.mesh
         self._duplicates = mesh.m - self.mesh.m
         self._copies = len(self.cut.origin) - self.mesh.n - len(np.unique(self.mesh.F[self.cut.one_sided]))
         if self._copies > INNER * self.mesh.n:
@@ -186,7 +186,7 @@ class Components:
         return self._contact.opening(V) / self.mesh.diagonal
 
 
-class Whole:
+class SinglePart:
     """The one part of a connected, oriented manifold; see :class:`Assembly`.
 
     Parameters

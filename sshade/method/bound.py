@@ -36,8 +36,8 @@ from sshade.mesh.mesh import Mesh, require_mesh
 from sshade.mesh.places import opening_within
 from sshade.mesh.quality import Quality, quality
 from sshade.mesh.rigid import common_motion
-from sshade.method.assembly import Assembly, Components, Part, Whole
-from sshade.method.piece import Piece, Steps
+from sshade.method.assembly import Assembly, Components, Part, SinglePart
+from sshade.method.piece import Piece, Recipe
 from sshade.method.polish import polished, set_up
 from sshade.problem.facts import Facts
 from sshade.problem.handle_checks import checked_index, checked_target, ids_of
@@ -136,13 +136,13 @@ class Bound:
             mesh = self._shape.mesh
         require_mesh(mesh, "Deformer")
         self._given, rest = self._at_rest(mesh, index, group, weight)
-        self._begin(DeformationTask("drag", mesh, rest), resolved, Steps(), keep=True)
+        self._begin(DeformationTask("drag", mesh, rest), resolved, Recipe(), keep=True)
         if method != "interpolate":
             self._bind_pieces(progress)
 
     @classmethod
     def of_task(
-        cls, task: DeformationTask, options: Options, *, steps: Steps | None = None, keep: bool = False
+        cls, task: DeformationTask, options: Options, *, recipe: Recipe | None = None, keep: bool = False
     ) -> Self:
         """Bind the mesh and the handle vertices of a task.
 
@@ -151,7 +151,7 @@ class Bound:
         task : DeformationTask
         options : Options
             Of :func:`sshade.problem.options.resolve`.
-        steps : Steps, optional
+        recipe : Recipe, optional
             How proxies are sampled and projected to, if not as usual.
         keep : bool
             Keep proxies and factors for later calls. Otherwise each call makes them and frees them.
@@ -159,25 +159,25 @@ class Bound:
         bound = cls.__new__(cls)
         bound._shape = None
         bound._given = task.handles.index
-        bound._begin(task, options, steps or Steps(), keep=keep)
+        bound._begin(task, options, recipe or Recipe(), keep=keep)
         return bound
 
-    def _begin(self, task: DeformationTask, options: Options, steps: Steps, *, keep: bool) -> None:
+    def _begin(self, task: DeformationTask, options: Options, recipe: Recipe, *, keep: bool) -> None:
         self._task = task
         self._options = options
-        self._steps = steps
+        self._recipe = recipe
         self._keep = keep
         #: Kept pieces, by their components.
         self._pieces: dict[int, Piece] = {}
         #: Vertices and faces of the proxies of the last call that was no step.
         self._proxies: list[tuple[np.ndarray, np.ndarray]] = []
-        self._bind()
+        self._take_handles()
 
-    def _bind(self) -> None:
+    def _take_handles(self) -> None:
         """Bind what depends on the handle vertices, but for the proxies."""
         mesh, handles = self._task.mesh, self._task.handles
-        whole = mesh.topology.components == 1 and mesh.is_manifold and mesh.is_oriented
-        self._components = None if whole else Components(mesh, handles.index)
+        is_one = mesh.topology.components == 1 and mesh.is_manifold and mesh.is_oriented
+        self._components = None if is_one else Components(mesh, handles.index)
         #: The handles of the last call.
         self._last: Handles | None = None
 
@@ -187,7 +187,7 @@ class Bound:
         return self._task.mesh
 
     @property
-    def _is_whole(self) -> bool:
+    def _is_as_given(self) -> bool:
         """Whether the vertices that were given are those of `mesh`."""
         return self._shape is None or len(self._shape.V) == self.mesh.n
 
@@ -230,7 +230,7 @@ class Bound:
         opening = max(result.facts.opening, opening_within(self.mesh, result.vertices) / self.mesh.diagonal)
         facts = replace(
             result.facts,
-            options=result.facts.options or ({} if self._steps.part else as_row(self._options)),
+            options=result.facts.options or ({} if self._recipe.part else as_row(self._options)),
             hard_handle_error=_hard_error(task, result.vertices),
             opening=opening,
         )
@@ -351,7 +351,7 @@ class Bound:
         self._pieces = {component: piece for component, (piece, _, _) in found.items()}
         for piece, own, kept in found.values():
             piece.use(own, kept)
-        self._bind()
+        self._take_handles()
 
     def _bind_pieces(self, progress: Progress) -> None:
         """Bind all parts with handles, at rest."""
@@ -372,7 +372,7 @@ class Bound:
         options = options_of(part).of_proxy()
         keep = self._keep and options.proxy_method is None and options.accelerate
         progress = part.progress if keep else silent
-        piece = Piece(part.task.mesh, handles, options, steps=self._steps, keep=keep, progress=progress)
+        piece = Piece(part.task.mesh, handles, options, recipe=self._recipe, keep=keep, progress=progress)
         if keep:
             self._pieces[part.component] = piece
         return piece
@@ -401,10 +401,10 @@ class Bound:
             proxies: list[tuple[np.ndarray, np.ndarray]] = []
             with part.named():
                 options = part.options if step else options_of(part)
-                if self._steps.part is not None:
-                    result = self._steps.part(own, report)
+                if self._recipe.part is not None:
+                    result = self._recipe.part(own, report)
                 elif step:
-                    result = self._piece(part, anew=False).deform(own, stop=stop, settle=False, out=out)
+                    result = self._piece(part, anew=False).deform(own, stop=stop, at_once=False, out=out)
                 elif options.polish and own.handles.hard.sum() != own.mesh.n:
                     begin = perf_counter()
                     with beside(partial(set_up, own, options), size=own.mesh.n) as ready:
@@ -422,7 +422,7 @@ class Bound:
                 else:
                     piece = self._piece(part, anew=anew)
                     result = piece.deform(own, stop=stop, out=out, proxies=proxies, progress=report)
-                if self._steps.part is None and not step:
+                if self._recipe.part is None and not step:
                     result = replace(result, facts=self._facts(part, options, result))
             self._proxies += [(self._of_mesh(part, samples), faces) for samples, faces in proxies]
             assembly.put(result)
@@ -436,11 +436,13 @@ class Bound:
         origin = None if self._components is None else self._components.origin(part.component)
         return vertices if origin is None else origin[vertices]
 
-    def _assembly(self, task: DeformationTask, progress: Progress, *, rigid: bool = True) -> Assembly | Whole:
+    def _assembly(
+        self, task: DeformationTask, progress: Progress, *, rigid: bool = True
+    ) -> Assembly | SinglePart:
         """Return the parts of the mesh at a task's targets."""
         components = self._components
-        if components is None or components.is_whole:
-            return Whole(components, task, self._options, progress)
+        if components is None or components.is_one_manifold:
+            return SinglePart(components, task, self._options, progress)
         return Assembly(components, task, self._options, progress, rigid=rigid)
 
     def _facts(self, part: Part, options: Options, result: DeformationResult) -> Facts:
@@ -487,7 +489,7 @@ class Bound:
 
     def _own(self, out: np.ndarray | None) -> np.ndarray | None:
         """Return `out` if a piece can write all of it: no seam has copies, and the mesh is one part."""
-        return out if self._is_whole and self._components is None else None
+        return out if self._is_as_given and self._components is None else None
 
     def _require_out(self, out: np.ndarray | None) -> None:
         if out is not None:
@@ -497,13 +499,13 @@ class Bound:
         self, result: DeformationResult, task: DeformationTask, *, out: np.ndarray | None = None
     ) -> DeformationResult:
         """Return the result for the vertices that were given, written to `out`."""
-        whole = self._is_whole
-        if self._shape is not None and not whole:
+        as_given = self._is_as_given
+        if self._shape is not None and not as_given:
             result = replace(result, vertices=self._shape.placed(result.vertices))
         if out is not None and result.vertices is not out:
             out[:] = result.vertices
             result = replace(result, vertices=out)
-        return result.of(task) if whole else result
+        return result.of(task) if as_given else result
 
 
 def options_of(part: Part) -> Options:

@@ -50,8 +50,8 @@ POSE = 2.0
 MET = 1e-5
 
 
-class Steps(NamedTuple):
-    """The steps that a baseline may replace.
+class Recipe(NamedTuple):
+    """How a part is deformed. A baseline may replace each step.
 
     Attributes
     ----------
@@ -79,7 +79,7 @@ class Piece:
         Only their vertices, groups and weights matter, and which handles have a rotation.
     options : Options
         Of the proxies.
-    steps : Steps
+    recipe : Recipe
     keep : bool
         Bind M to its proxies now and keep them: each deformation then starts from the last one. Otherwise
         each deformation makes new proxies, and frees them.
@@ -88,7 +88,7 @@ class Piece:
 
     Attributes
     ----------
-    mesh, handles, options, steps
+    mesh, handles, options, recipe
         The parameters.
     frames : FrameMaker
     regions : HandleRegions
@@ -111,13 +111,13 @@ class Piece:
         handles: Handles,
         options: Options,
         *,
-        steps: Steps | None = None,
+        recipe: Recipe | None = None,
         keep: bool = False,
         progress: Progress = silent,
     ) -> None:
         self.mesh = mesh
         self.options = options
-        self.steps = steps or Steps()
+        self.recipe = recipe or Recipe()
         self.faces_without_area = int(mesh.without_area.sum())
         self.frames = frame_maker(options.frames)
         begin = perf_counter()
@@ -171,7 +171,7 @@ class Piece:
         task: DeformationTask,
         *,
         stop: Stop | None = None,
-        settle: bool = True,
+        at_once: bool = True,
         out: np.ndarray | None = None,
         proxies: list[tuple[np.ndarray, np.ndarray]] | None = None,
         progress: Progress = silent,
@@ -184,7 +184,7 @@ class Piece:
             Of M. Kept proxies start at its guess, if it has one.
         stop : Stop, optional
             By default the options' own.
-        settle : bool
+        at_once : bool
             Correct volume and targets by further solves at once. Without it, only a first deformation is.
         out : (n, 3) float64, C-contiguous, optional
             Takes the positions, if there is one proxy.
@@ -204,7 +204,7 @@ class Piece:
             if options.samplings == 1:
                 proxy = self.kept[0] if self.kept else Proxy(self, 0, guess=guess, progress=progress)
                 seen.append((proxy.sampling.samples, proxy.mesh.F))
-                results = [proxy.deform(handles, stop=stop, settle=settle, team=team, out=out)]
+                results = [proxy.deform(handles, stop=stop, at_once=at_once, team=team, out=out)]
                 V = results[0].vertices
             else:
 
@@ -213,7 +213,7 @@ class Piece:
                     proxy = kept or Proxy(self, number, guess=guess, progress=progress)
                     if number == 0:
                         seen.append((proxy.sampling.samples, proxy.mesh.F))
-                    return proxy.deform(handles, stop=stop, settle=settle, team=team)
+                    return proxy.deform(handles, stop=stop, at_once=at_once, team=team)
 
                 with ThreadPoolExecutor(max_workers=threads_of(options)) as pool:
                     V, results = mean_of(pool.map(run, range(options.samplings)))
@@ -287,7 +287,7 @@ class Proxy:
         stage = "proxy" if options.samplings == 1 else f"proxy {number + 1}"
         progress(stage, 0, options.max_iterations)
         begin = perf_counter()
-        self.sampling, self._place = piece.steps.sample(piece.mesh, piece.regions, (options.seed, number))
+        self.sampling, self._place = piece.recipe.sample(piece.mesh, piece.regions, (options.seed, number))
         self._sampling_seconds = perf_counter() - begin
         self.mesh = proxy_mesh(piece.mesh, self.sampling)
         self._binding: Binding | None = None
@@ -309,7 +309,7 @@ class Proxy:
     def _bind(self) -> Binding:
         """Find where the vertices of M lie on N, and prepare the :class:`HandleRegions` of M."""
         piece = self._piece
-        projection = piece.steps.projection
+        projection = piece.recipe.projection
         binding = bind_proxy(piece.mesh, self.sampling, frames=piece.frames, projection=projection)
         piece.regions.prepare()
         return binding
@@ -341,7 +341,7 @@ class Proxy:
         handles: Handles,
         *,
         stop: Stop,
-        settle: bool = True,
+        at_once: bool = True,
         team: ThreadTeam,
         out: np.ndarray | None = None,
     ) -> DeformationResult:
@@ -358,9 +358,9 @@ class Proxy:
             Of M.
         stop : Stop
             Its number of iterations is for all solves together.
-        settle : bool
+        at_once : bool
             Solve again at once where M' needs a correction. A first deformation always does; a later one
-            without `settle` leaves the correction to the next call.
+            without `at_once` leaves the correction to the next call.
         team : ThreadTeam
             Threads that prolong N' to M'.
         out : (n, 3) float64, C-contiguous, optional
@@ -371,8 +371,8 @@ class Proxy:
         scale = abs(regions.volume) or 1.0 if corrects else 1.0
         iterations, seconds = 0.0, {"solve": 0.0, "carry": 0.0}
         best, smallest, was_exact, coarser = None, inf, False, None
-        round_joints = piece.options.joints > 0 and (settle or self._solver.at_start)
-        for _ in range(1 + VOLUME_ROUNDS if settle or self._solver.at_start else 1):
+        round_joints = piece.options.joints > 0 and (at_once or self._solver.at_start)
+        for _ in range(1 + VOLUME_ROUNDS if at_once or self._solver.at_start else 1):
             begin = perf_counter()
             left = replace(stop, max_iterations=int(stop.max_iterations - iterations))
             rough = replace(left, tolerance=POSE * left.tolerance) if round_joints else left

@@ -42,7 +42,7 @@ def test_crossings_are_those_of_exact_predicates(shift):
 
 
 def test_proxies_stand_for_a_large_mesh(monkeypatch):
-    monkeypatch.setattr(module, "WHOLE", TWO.m - 1)
+    monkeypatch.setattr(module, "MEASURED", TWO.m - 1)
     V = TWO.V - np.outer(TWO.V[:, 0] > 1.5, [1.5, 0.011, 0.007])
     half = TWO.m // 2
     ends = np.arange(TWO.n // 2), np.arange(TWO.n // 2, TWO.n)
