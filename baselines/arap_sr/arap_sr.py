@@ -99,7 +99,7 @@ def arap_sr(
     max_iterations : int
         Maximum number of iterations; the paper uses 1000.
     start : {"rest", "rigid"}
-        See :func:`sshade.solver.run.initial_guess`.
+        See :func:`sshade.solver.aim.initial_guess`.
     seed : int
         Unused: the method is deterministic.
     progress : Progress

@@ -72,7 +72,7 @@ def deformation_graph(
         mesh's bounding-box diagonal. 0 disables the test.
     max_iterations : int
     start : {"rest", "rigid"}
-        See :func:`sshade.solver.run.initial_guess`.
+        See :func:`sshade.solver.aim.initial_guess`.
     seed : int
         Unused, because the sampling begins with the handles.
     progress : Progress

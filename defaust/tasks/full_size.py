@@ -34,7 +34,7 @@ SKINNED: dict[tuple[str, str | None], type[SkinnedSource]] = {
 }
 
 #: Poses vertex positions (n, 3).
-Skin = Callable[[np.ndarray], np.ndarray]
+PoseSurface = Callable[[np.ndarray], np.ndarray]
 
 
 class Registered(NamedTuple):
@@ -59,7 +59,7 @@ class Registered(NamedTuple):
     noisy: bool = False
 
 
-def true_pose(meshes: Registered, skin: Skin | None) -> tuple[np.ndarray, str]:
+def true_pose(meshes: Registered, skin: PoseSurface | None) -> tuple[np.ndarray, str]:
     """Compute the positions of the rest mesh's vertices in the pose.
 
     Without a skin, the registered pose is subdivided and interpolated.
@@ -84,7 +84,9 @@ def true_pose(meshes: Registered, skin: Skin | None) -> tuple[np.ndarray, str]:
     return interpolate @ fine_posed.V, "subdivision"
 
 
-def find_skin(meshes: Registered, source: Mapping[str, Any], *, subject: int, pose: str) -> Skin | None:
+def find_skin(
+    meshes: Registered, source: Mapping[str, Any], *, subject: int, pose: str
+) -> PoseSurface | None:
     """Dual quaternion skinning of a synthetic body or animal into a pose, at the vertices of the rest mesh.
 
     The weights are subdivided by Loop's rules. Linear interpolation on the registered triangles would

@@ -12,7 +12,7 @@ from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.rigid import rigid_motion, rigidly_moved
 from sshade.proxy.fronts import Fronts, thinned
 
-Kind = Literal["stored", "points", "landmarks", "regions"]
+HandleKind = Literal["stored", "points", "landmarks", "regions"]
 
 #: Radius of a region along the edges, as a fraction of the diagonal: about a fist or a face. On bodies of
 #: 25,000 vertices the true pose of such a region is rigid up to 1.7 % of the diagonal.
@@ -21,7 +21,7 @@ REACH = 0.05
 FEW = 6
 
 
-def of_kind(mesh: Mesh, handles: Handles, kind: Kind, *, are_regions: bool = False) -> Handles:
+def of_kind(mesh: Mesh, handles: Handles, kind: HandleKind, *, are_regions: bool = False) -> Handles:
     """Replace handles by another kind of handles for the same pose.
 
     Dynamic handles follow the best rigid motion of their group; static handles stay.
@@ -46,8 +46,8 @@ def of_kind(mesh: Mesh, handles: Handles, kind: Kind, *, are_regions: bool = Fal
     InputError
         On an unknown kind.
     """
-    if kind not in get_args(Kind):
-        raise InputError(f"handles={kind} is unknown; use one of {', '.join(get_args(Kind))}")
+    if kind not in get_args(HandleKind):
+        raise InputError(f"handles={kind} is unknown; use one of {', '.join(get_args(HandleKind))}")
     if kind in ("stored", "regions" if are_regions else "landmarks"):
         return handles
     groups = [np.flatnonzero(handles.group == group) for group in np.unique(handles.group)]

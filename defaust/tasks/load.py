@@ -16,7 +16,7 @@ from defaust.folder.layout import REST, REST_LOW, pose_file, pose_mesh, sha256, 
 from defaust.folder.record import read_dataset, read_json
 from defaust.sources.generated.shapes import ideal_pose
 from defaust.tasks.full_size import Registered, find_skin, true_pose
-from defaust.tasks.handle_kinds import Kind, of_kind
+from defaust.tasks.handle_kinds import HandleKind, of_kind
 from sshade import DeformationTask, InputError, Mesh, TransferTask
 from sshade.files.meshes import read_mesh
 from sshade.files.task_files import read_handles
@@ -72,7 +72,7 @@ def load_task(
     resolution: str = "high",
     raw: bool = False,
     edit: Edit | str | None = None,
-    handles: Kind = "stored",
+    handles: HandleKind = "stored",
     truth: bool = True,
 ) -> DeformationTask | TransferTask:
     """Load the rest mesh and handles of a subject and pose, or a pose transfer.
@@ -223,7 +223,7 @@ def _registered(mesh: Mesh, low: Path | None, posed: Path, *, steps: int, noisy:
     return Registered(mesh, mesh if low is None else read_mesh(low), read_mesh(posed), steps, noisy)
 
 
-def _deformation(case: StoredCase, *, kind: Kind, raw: bool, truth: bool) -> DeformationTask:
+def _deformation(case: StoredCase, *, kind: HandleKind, raw: bool, truth: bool) -> DeformationTask:
     """Task of moving the handles of a case."""
     # The groups of the handles are the numbers of the entries, which are the ids of the landmarks.
     handles = read_handles(case.pose, case.mesh, raw=raw)

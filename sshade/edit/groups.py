@@ -11,7 +11,7 @@ import numpy as np
 from sshade.core.errors import InputError
 from sshade.problem.handles import Handles
 
-Kind = Literal["fixed", "moved"]
+GroupKind = Literal["fixed", "moved"]
 
 #: Greatest ratio of the second extent of vertices to the first, at which they count as a line. Their targets
 #: do not determine a rotation, which is therefore prescribed.
@@ -83,7 +83,7 @@ class Group:
 
     number: int
     name: str
-    kind: Kind
+    kind: GroupKind
     vertices: np.ndarray
     target: np.ndarray
     weight: float = inf
@@ -122,7 +122,7 @@ def groups_of(handles: Handles, names: dict[int, str]) -> tuple[Group, ...]:
     for number, group in enumerate(np.unique(handles.group), start=1):
         members = np.flatnonzero(handles.group == group)
         name = names.get(int(group), "")[:LONGEST] or f"group {number}"
-        kind: Kind = "moved" if handles.dynamic[members].any() else "fixed"
+        kind: GroupKind = "moved" if handles.dynamic[members].any() else "fixed"
         vertices, target = handles.index[members], handles.target[members]
         one = Group(number, name, kind, vertices, target, float(handles.weight[members[0]]))
         if handles.rotation is not None and handles.has_rotation[members[0]]:

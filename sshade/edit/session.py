@@ -14,7 +14,7 @@ import numpy as np
 from sshade.core.errors import InputError
 from sshade.core.progress import Progress, silent
 from sshade.edit.document import Document
-from sshade.edit.groups import LONGEST, Group, Kind
+from sshade.edit.groups import LONGEST, Group, GroupKind
 from sshade.edit.selection import near, selected
 from sshade.edit.state import EditState
 from sshade.edit.workspace import Workspace
@@ -68,7 +68,7 @@ class Session(Workspace):
             if not np.array_equal(new, self.state.selection):
                 self._push(replace(self.state, selection=new))
 
-    def mark(self, kind: Kind) -> int:
+    def mark(self, kind: GroupKind) -> int:
         """Create a group of the selected vertices at their current positions; return its number.
 
         The vertices leave the groups that contained them.
@@ -93,7 +93,7 @@ class Session(Workspace):
         Thread(target=prepare, daemon=True).start()
         return number
 
-    def _mark(self, kind: Kind, vertices: np.ndarray, name: str = "") -> int:
+    def _mark(self, kind: GroupKind, vertices: np.ndarray, name: str = "") -> int:
         """Create a group of vertices at their current positions; return its number."""
         target, rest = self.shown[vertices], self.mesh.V[vertices]
         if kind == "fixed" and np.abs(target - rest).max() <= AT_REST * self.mesh.diagonal:

@@ -28,9 +28,9 @@ COLOURS = "magma_r"
 #: Default direction from the scene to the camera, and upward direction.
 TOWARDS, UP = (0.5, 0.25, 1.0), (0.0, 1.0, 0.0)
 #: Both directions.
-Camera = tuple[ArrayLike, ArrayLike]
+ViewDirection = tuple[ArrayLike, ArrayLike]
 #: Both directions, by the axis that points up.
-CAMERAS: dict[str, Camera] = {
+CAMERAS: dict[str, ViewDirection] = {
     "y": (TOWARDS, UP),
     "z": ((TOWARDS[0], -TOWARDS[2], TOWARDS[1]), (0.0, 0.0, 1.0)),
 }

@@ -14,7 +14,7 @@ from sshade.files.skin import DrawnSkin
 from sshade.mesh.clusters import cluster_vertices
 from sshade.mesh.incidence import members
 from sshade.mesh.mesh import Mesh
-from sshade.plotting.pictures import CAMERAS, Camera, some
+from sshade.plotting.pictures import CAMERAS, ViewDirection, some
 from sshade.problem.handles import Handles
 from sshade.proxy.sample import sample_proxy
 
@@ -113,7 +113,7 @@ def packed_view(
     bottom: float = 0.0,
     top: float = 1.0,
     label: str = "",
-    camera: Camera = CAMERAS["y"],
+    camera: ViewDirection = CAMERAS["y"],
     size: tuple[int, int] = SMALL,
     colours: np.ndarray | None = None,
     skin: DrawnSkin | None = None,

@@ -77,7 +77,7 @@ class Facts:
     volume_pressure, area_pressure : float or None
         Multipliers of the constraints over the rest area: how hard they push, without unit.
     volume_constraint, area_constraint : str or None
-        States of the constraints: see :meth:`sshade.solver.constraints.ConstrainedSurface.report`.
+        States of the constraints: see :meth:`sshade.solver.constraints.Constraints.report`.
     components : int
         Number of components that were deformed.
     rigid : int

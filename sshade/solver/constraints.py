@@ -237,7 +237,7 @@ class Constraints:
         self._failures = 0
 
     def begin(self, tolerance: float) -> None:
-        """Begin a solve with a tolerance, as of :meth:`sshade.solver.local_global.LocalGlobal.solve`."""
+        """Begin a solve with a tolerance, as of :func:`sshade.solver.local_global.solve`."""
         self._near = min(NEAR, tolerance)
 
     def penalty(self, P: np.ndarray, *, restored: bool = False) -> float:

@@ -29,7 +29,7 @@ from sshade.core.kernels import kernel, subroutine
 from sshade.core.threads import ThreadTeam
 
 #: Number of stored steps: of a solve; of a polish, where a larger number takes more memory and gave no better
-#: results on six bodies; and of a drag, see :mod:`sshade.solver.following`.
+#: results on six bodies; and of a drag, see :mod:`sshade.solver.drag`.
 WINDOW, WINDOW_OF_POLISH, WINDOW_OF_DRAG = 5, 4, 10
 #: Least cosine between a step and the change of the gradient along it for which the pair is stored.
 CURVED = 1e-10
