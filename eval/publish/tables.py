@@ -216,7 +216,8 @@ def write_tables(tables: Iterable[Table], folder: Path) -> None:
 def published_rows(name: str) -> pd.DataFrame:
     """Return the rows of an experiment in out/rows, joined with the published ones.
 
-    Rows of a newer version of a method or of the measures replace the older rows.
+    Rows of a newer version of a method or of the measures replace the older rows, and so do rows of a method
+    that was run again with other parameters.
 
     Raises
     ------
@@ -242,7 +243,9 @@ def published_rows(name: str) -> pd.DataFrame:
             f"{path} has rows of methods or programs that are no part of this project, so that the commit "
             "does not hold their code: propose the methods as CONTRIBUTING.md describes"
         )
-    rows = pd.concat([read_csv(target), new], ignore_index=True) if target.is_file() else new
+    rows = (
+        pd.concat([_not_changed(read_csv(target), new), new], ignore_index=True) if target.is_file() else new
+    )
     latest = rows.groupby("method.name")["method.version"].transform("max")
     of_latest = (rows["method.version"] == latest) & (rows["measures"] == numbers(rows, "measures").max())
     lost = set(rows[RUN].itertuples(index=False, name=None))
@@ -255,6 +258,15 @@ def published_rows(name: str) -> pd.DataFrame:
     rows = newest(rows[of_latest])
     require_one_version(rows)
     return rows
+
+
+def _not_changed(old: pd.DataFrame, new: pd.DataFrame) -> pd.DataFrame:
+    """Return the published rows without runs that `new` has with other parameters of the method."""
+    again, equal = (
+        pd.MultiIndex.from_frame(old[run]).isin(pd.MultiIndex.from_frame(new[run]))
+        for run in (RUN, [*RUN, "method.hash"])
+    )
+    return old[~again | equal]
 
 
 def write_published(rows: Mapping[str, pd.DataFrame]) -> None:

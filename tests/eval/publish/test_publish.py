@@ -97,6 +97,21 @@ def test_newer_rows_and_versions_take_the_place_of_published_ones(project):
     assert [rows[name, "t1"]["date"] for name in "ab"] == ["2026-01-02", "2026-01-01"]
 
 
+def test_rows_of_other_parameters_take_the_place_of_published_ones_if_all_cases_were_run_again(project):
+    write_csv("results/rows/tiny.csv", frame(clean("a"), clean("a", "t2"), clean("b")))
+    again = [clean("a", task, method__hash="other") for task in ("t1", "t2")]
+    write_csv("out/rows/tiny.csv", frame(again[0]))
+    with pytest.raises(InputError, match="method 'a' has rows of different parameters"):
+        call("tables", ["tiny", "--publish"])
+    write_csv("out/rows/tiny.csv", frame(*again))
+    assert call("tables", ["tiny", "--publish"]) == 0
+    assert {key: found["method.hash"] == "other" for key, found in published().items()} == {
+        ("a", "t1"): True,
+        ("a", "t2"): True,
+        ("b", "t1"): False,
+    }
+
+
 @pytest.mark.parametrize(
     ("rows", "told"),
     [
