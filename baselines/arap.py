@@ -20,8 +20,8 @@ from baselines.stopwatch import Stopwatch
 from sshade.core.errors import InputError, counted
 from sshade.core.progress import Progress, silent
 from sshade.mesh.mesh import Mesh
-from sshade.problem.options import ITERATION, Elements, Start, takes_options
-from sshade.problem.task import DeformationResult, DeformationTask, Stop
+from sshade.problem.options import ITERATION, Elements, Start, Stop, takes_options
+from sshade.problem.task import DeformationResult, DeformationTask
 from sshade.solver.aim import initial_guess
 from sshade.solver.run import run
 

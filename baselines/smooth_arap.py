@@ -38,8 +38,8 @@ from baselines.stopwatch import Stopwatch
 from sshade.core.errors import InputError
 from sshade.core.progress import Progress, silent
 from sshade.mesh.mesh import Mesh
-from sshade.problem.options import Start
-from sshade.problem.task import DeformationResult, DeformationTask, Stop
+from sshade.problem.options import Start, Stop
+from sshade.problem.task import DeformationResult, DeformationTask
 from sshade.solver.aim import initial_guess
 from sshade.solver.factorisation import Factorised
 from sshade.solver.laplacian import edge_weights, half_cotangents, laplacian_matrix

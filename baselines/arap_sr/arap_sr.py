@@ -40,8 +40,8 @@ from sshade.core.errors import InputError
 from sshade.core.progress import Progress, silent
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.rigid import rigid_motion
-from sshade.problem.options import Start
-from sshade.problem.task import DeformationResult, DeformationTask, Stop
+from sshade.problem.options import Start, Stop
+from sshade.problem.task import DeformationResult, DeformationTask
 from sshade.solver.aim import initial_guess
 from sshade.solver.factorisation import Factorised
 from sshade.solver.run import run

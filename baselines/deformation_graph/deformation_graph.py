@@ -31,8 +31,8 @@ from baselines.stopwatch import Stopwatch
 from sshade.core.errors import InputError
 from sshade.core.progress import Progress, silent
 from sshade.mesh.adjacency import vertex_graph
-from sshade.problem.options import Start
-from sshade.problem.task import DeformationResult, DeformationTask, Stop
+from sshade.problem.options import Start, Stop
+from sshade.problem.task import DeformationResult, DeformationTask
 from sshade.proxy.fronts import farthest_point_sampling
 from sshade.proxy.sample import proxy_vertices
 from sshade.regions.handle_regions import HandleRegions, all_on_targets

@@ -29,8 +29,8 @@ from baselines.volumetric.lattice import lattice
 from baselines.volumetric.node_handles import on_targets, require_handles
 from sshade.core.errors import InputError
 from sshade.core.progress import Progress, silent
-from sshade.problem.options import Start
-from sshade.problem.task import DeformationResult, DeformationTask, Stop
+from sshade.problem.options import Start, Stop
+from sshade.problem.task import DeformationResult, DeformationTask
 from sshade.solver.factorisation import Factorisation
 from sshade.solver.laplacian import laplacian_matrix
 from sshade.solver.run import run

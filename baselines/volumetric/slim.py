@@ -26,8 +26,8 @@ from baselines.volumetric.coarse_tetrahedra import TetrahedraOptions, coarse_tet
 from baselines.volumetric.node_handles import node_handles
 from sshade.core.errors import InputError
 from sshade.core.progress import Progress, silent
-from sshade.problem.options import Start
-from sshade.problem.task import DeformationResult, DeformationTask, Stop
+from sshade.problem.options import Start, Stop
+from sshade.problem.task import DeformationResult, DeformationTask
 from sshade.solver.run import run
 
 

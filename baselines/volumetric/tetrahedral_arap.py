@@ -23,8 +23,8 @@ from baselines.stopwatch import Stopwatch
 from baselines.volumetric.coarse_tetrahedra import TetrahedraOptions, coarse_tetrahedra
 from baselines.volumetric.node_handles import node_handles, on_targets
 from sshade.core.progress import Progress, silent
-from sshade.problem.options import Start
-from sshade.problem.task import DeformationResult, DeformationTask, Stop
+from sshade.problem.options import Start, Stop
+from sshade.problem.task import DeformationResult, DeformationTask
 from sshade.solver.run import run
 
 

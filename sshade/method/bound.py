@@ -41,8 +41,8 @@ from sshade.method.piece import Piece, Recipe
 from sshade.method.polish import polished, set_up
 from sshade.problem.facts import Facts
 from sshade.problem.handle_checks import checked_index, checked_target, ids_of
-from sshade.problem.options import Options, OptionValues, as_row, resolve
-from sshade.problem.task import DeformationResult, DeformationTask, Handles, Stop
+from sshade.problem.options import Options, OptionValues, Stop, as_row, resolve
+from sshade.problem.task import DeformationResult, DeformationTask, Handles
 from sshade.proxy.frames import checked_out
 from sshade.regions.handle_regions import has_regions
 from sshade.solver.constraints import enclosed_volume

@@ -27,8 +27,8 @@ from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.mesh import Mesh
 from sshade.method.proxy_solver import ProxySolver, solver_threads
 from sshade.problem.facts import Facts
-from sshade.problem.options import Options
-from sshade.problem.task import DeformationResult, DeformationTask, Handles, Stop, joined
+from sshade.problem.options import Options, Stop
+from sshade.problem.task import DeformationResult, DeformationTask, Handles, joined
 from sshade.proxy.binding import Binding, bind_proxy, frame_maker
 from sshade.proxy.projection import Projector, project_to_fans
 from sshade.proxy.sample import proxy_mesh, proxy_vertices

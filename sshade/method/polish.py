@@ -11,8 +11,8 @@ import numpy as np
 from sshade.core.progress import Progress, renamed
 from sshade.core.threads import Pending, available_cpus
 from sshade.mesh.adjacency import vertex_graph
-from sshade.problem.options import Options
-from sshade.problem.task import DeformationResult, DeformationTask, Stop
+from sshade.problem.options import Options, Stop
+from sshade.problem.task import DeformationResult, DeformationTask
 from sshade.proxy.fronts import Fronts
 from sshade.regions.handle_regions import HandleRegions, has_regions
 from sshade.solver.aim import Aim

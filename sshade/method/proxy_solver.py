@@ -28,8 +28,8 @@ from sshade.core.progress import Progress, silent
 from sshade.core.threads import SMALL, Later, Pending, available_cpus, beside
 from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.mesh import Mesh
-from sshade.problem.options import Options
-from sshade.problem.task import DeformationTask, Handles, Stop
+from sshade.problem.options import Options, Stop
+from sshade.problem.task import DeformationTask, Handles
 from sshade.proxy.binding import bind_proxy, frame_maker
 from sshade.proxy.sample import proxy_mesh, proxy_vertices
 from sshade.regions.handle_regions import HandleRegions

@@ -17,8 +17,7 @@ from dataclasses import replace
 import numpy as np
 
 from sshade.core.threads import ThreadTeam
-from sshade.problem.options import Options
-from sshade.problem.task import Stop
+from sshade.problem.options import Options, Stop
 from sshade.solver.aim import Aim
 from sshade.solver.descent import Descent
 from sshade.solver.local_global import solution_of

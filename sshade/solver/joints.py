@@ -31,8 +31,7 @@ from sshade.mesh.boxes import distances
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.rotations import fit_rotations, quaternions
 from sshade.problem.handles import Handles
-from sshade.problem.options import Options
-from sshade.problem.task import Stop
+from sshade.problem.options import Options, Stop
 from sshade.solver.aim import Aim, largest_pressures
 from sshade.solver.constraints import ConstraintReport, enclosed_volume
 from sshade.solver.local_global import solve

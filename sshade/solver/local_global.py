@@ -20,8 +20,8 @@ import numpy as np
 from sshade.core.progress import Progress, silent
 from sshade.core.threads import ThreadTeam
 from sshade.problem.handle_checks import checked_target
-from sshade.problem.options import Elements, Options
-from sshade.problem.task import DeformationTask, Stop
+from sshade.problem.options import Elements, Options, Stop
+from sshade.problem.task import DeformationTask
 from sshade.solver.aim import Aim, largest_pressures
 from sshade.solver.attachment import Attachment
 from sshade.solver.descent import Descent

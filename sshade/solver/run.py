@@ -10,7 +10,7 @@ import numpy as np
 from sshade.core.errors import counted
 from sshade.core.kernels import kernel
 from sshade.core.progress import Progress, silent
-from sshade.problem.task import Stop
+from sshade.problem.options import Stop
 
 #: Iterations between two calls of the progress callback.
 REPORT_EVERY = 10

@@ -9,7 +9,7 @@ import pytest
 import sshade
 from sshade import DeformationTask, Deformer, Handles, InputError, Mesh, save_binding
 from sshade.files.task_files import write_handles
-from sshade.problem.task import Stop
+from sshade.problem.options import Stop
 from sshade.proxy.sample import sample_proxy
 from tests.shapes import bumpy
 from tests.sshade.solver.solver import Solver

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from sshade import Mesh
-from sshade.problem.options import Options
-from sshade.problem.task import Stop
+from sshade.problem.options import Options, Stop
 from sshade.solver.aim import Aim
 from sshade.solver.local_global import solve
 from sshade.solver.solution import Solution

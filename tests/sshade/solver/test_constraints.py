@@ -11,8 +11,7 @@ from scipy.spatial.transform import Rotation
 from baselines.accelerated import local_global
 from sshade import DeformationTask, Handles, InputError, Mesh
 from sshade.core.threads import ThreadTeam
-from sshade.problem.options import Options
-from sshade.problem.task import Stop
+from sshade.problem.options import Options, Stop
 from sshade.solver.aim import Aim
 from sshade.solver.constraints import AREA, CLOSE, EVERY, EVERY_OF_BOTH, ConstrainedSurface, Constraints
 from sshade.solver.descent import Descent

@@ -8,8 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from sshade import Handles
-from sshade.problem.options import Options
-from sshade.problem.task import Stop
+from sshade.problem.options import Options, Stop
 from sshade.solver.aim import Aim
 from sshade.solver.attachment import Attachment
 from sshade.solver.descent import Descent
