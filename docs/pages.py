@@ -1,6 +1,6 @@
 """Update tables of the pages: ``python -m docs.pages``.
 
-Run the script after rows or times were published, or options changed. It rewrites eight kinds of blocks, and
+Run the script after rows or times were published, or options changed. It rewrites seven kinds of blocks, and
 a test compares the blocks with the results and the code:
 
 - ``<!-- table NAME: HEADING, ... -->`` to ``<!-- end -->`` has the named columns of all tables in
@@ -11,9 +11,8 @@ a test compares the blocks with the results and the code:
   differences to a reference method, below a caption.
 - ``<!-- paper NAME: HEADING, ... -->`` to ``<!-- end -->`` has columns of the paper's numbers beside ours:
   numbers of ``conf/paper.yaml``, and means of ``results/rows/NAME.csv``, or times.
-- ``<!-- means NAME: HEADING; METHOD, ...; POSE, ... -->`` to ``<!-- end -->`` has the means of one column in
-  each pose, in the named poses and in all, and the paper's numbers.
-- ``<!-- claims -->`` to ``<!-- end -->`` has the paper's claims on time beside our times.
+- ``<!-- means NAME: HEADING; METHOD, ... -->`` to ``<!-- end -->`` has the means of one column in each pose
+  and in all, and the paper's numbers.
 - ``<!-- poses NAME: METHOD, ...; METHOD, RIVAL, ... -->`` to ``<!-- end -->`` has the mean distance to the
   true pose of methods in each pose, from ``results/rows/NAME.csv``, and the number of cases in which the
   first method after the semicolon is nearer than each of its rivals. A sentence below has the mean
@@ -33,7 +32,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from docs.paper_numbers import beside_the_paper, pose_means, time_claims
+from docs.paper_numbers import beside_the_paper, pose_means
 from eval.publish.columns import COLUMNS, TRUTH, markdown_table
 from eval.publish.comparison import poses_of, subjects_of
 from eval.publish.intervals import Resampling, differences, rounded
@@ -49,7 +48,7 @@ BLOCK = re.compile(
     r"(?P<begin><!-- "
     r"((?P<kind>table|differences|paper|poses|means) (?P<name>\w+): (?P<columns>[^\n;]+)"
     r"(; (?P<lines>[^\n]+))?"
-    r"|rows|(?P<claims>claims)|(?P<options>options))"
+    r"|rows|(?P<options>options))"
     r" -->\n)"
     r"(?P<old>.*?)(?P<end><!-- end -->)",
     re.DOTALL,
@@ -71,16 +70,12 @@ def filled(text: str, results: Path = ROOT / "results", *, link: str = "results"
             body = by_pose(path, block["columns"].split(", "), block["lines"].split(", "), link=link)
         elif block["kind"] == "means":
             path = results / "rows" / f"{block['name']}.csv"
-            methods, _, some = block["lines"].partition("; ")
-            poses = some.split(", ") if some else []
-            body = pose_means(path, block["columns"], methods.split(", "), poses, link=link)
+            body = pose_means(path, block["columns"], block["lines"].split(", "), link=link)
         elif block["name"]:
             chosen = block["lines"].split(", ") if block["lines"] else None
             path = results / "tables" / f"{block['name']}.md"
             headings = block["columns"].split(", ")
             body = table(path, headings, kind=block["kind"], chosen=chosen, link=link)
-        elif block["claims"]:
-            body = time_claims(results / "tables")
         elif block["options"]:
             body = f"{reference()}\n"
         else:

@@ -8,7 +8,6 @@ import pytest
 
 from docs import gallery
 from docs.pages import PAGES, ROOT, filled_page
-from docs.paper_numbers import time_claims
 from eval.metrics import METRICS
 
 #: A link of a page that leads to a file of the repository or to a heading.
@@ -62,28 +61,6 @@ def test_names_on_the_code_page_are_in_their_files():
         if not any(re.search(rf"\b{name}\b", (page.parent / place).read_text("utf-8")) for place in places)
     ]
     assert missing == []
-
-
-def test_the_papers_claims_on_time_are_answered_by_the_tables_of_times(tmp_path):
-    times = {"arap": 50, "elastic": 60, "arap_sr": 90, "paper_plain": 1.0, "paper": 0.25}
-    speed = [{"method": name, "seconds.total": time} for name, time in times.items()]
-    scaling = [
-        {"method": name, "vertices": n, "seconds.total": n / speed}
-        for n in (100_000, 455_000, 1_820_000)
-        for name, speed in (("paper_plain", 1e5), ("paper", 5e5))
-    ]
-    transfer = [{"method": "transfer/paper", "vertices": 170_000, "seconds.total": 1.5}]
-    assert time_claims(tmp_path) == ""
-    for name, lines in (("speed", speed), ("scaling", scaling), ("transfer", transfer)):
-        pd.DataFrame(lines).to_csv(tmp_path / f"paper_{name}.csv", index=False)
-    answers = [line.split(" | ")[1].removesuffix(" |") for line in time_claims(tmp_path).splitlines()[2:]]
-    assert answers == [
-        "`paper_plain` 1 s, `paper` 0.25 s",
-        "`paper_plain` 50 / 60 / 90, `paper` 200 / 240 / 360 times as fast as `arap` / `elastic` / `arap_sr`",
-        "`paper_plain` 4.5 s, `paper` 0.91 s (455,000 vertices)",
-        "1.5 s (170,000 vertices, ten samplings)",
-        "4.0 times the vertices (455,000 to 1,820,000) take `paper_plain` 4.0, `paper` 4.0 times as long",
-    ]
 
 
 def test_names_of_the_python_reference_exist():

@@ -55,6 +55,11 @@ def test_the_numbers_of_the_readme_are_those_of_the_rows():
     assert (others > truth["fine"]).all() and len(truth) == 30
     assert "`fine` is nearer to the true pose than these three in all 30 cases" in words
     assert f"(docs/results.md#new-bodies-in-new-poses), `fast` in {(others > truth['fast']).sum()}." in words
+    means = (ROOT / "docs/results.md").read_text("utf-8")
+    nearer = re.search(r"to accelerated_elastic -(\S+) \[-(\S+), -(\S+)\]", means)
+    assert f"`fast` is nearer than Elastic by {nearer[1]} [{nearer[3]}, {nearer[2]}]," in words
+    counts = re.search(r"^\| all \|.*\| (\d+) / \d+ / (\d+) of (\d+) \|$", means, re.M)
+    assert f"`fast` is nearer in {counts[2]} and {counts[1]} of {counts[3]} cases" in words
     people = read_csv(ROOT / "results/rows/faust_170k.csv").drop_duplicates("task.name")
     free = (people["task.meta.n_static"] == 0).sum()
     assert f"so {free} of the {len(people)} cases have no fixed handle at all" in " ".join(LIST.split())
