@@ -420,8 +420,9 @@ class Bound:
                             progress=report,
                         )
                 else:
-                    piece = self._piece(part, anew=anew)
-                    result = piece.deform(own, stop=stop, out=out, proxies=proxies, progress=report)
+                    result = self._piece(part, anew=anew).deform(
+                        own, stop=stop, out=out, proxies=proxies, progress=report
+                    )
                 if self._recipe.part is None and not step:
                     result = replace(result, facts=self._facts(part, options, result))
             self._proxies += [(self._of_mesh(part, samples), faces) for samples, faces in proxies]
