@@ -3,34 +3,18 @@
 import numpy as np
 import pytest
 
-from baselines.ablations.affine_frames import AffineFrames, StretchingFrames
+from baselines.ablations.affine_frames import AffineFrames
 from baselines.ablations.named_frames import named_frames
 from baselines.ablations.replaced import paper_with, transfer_with
-from sshade import InputError, Mesh, TransferTask, bind, deform
+from sshade import InputError, Mesh, TransferTask, deform
 from sshade.method.transfer import transfer
-from sshade.proxy.blended import nearest_rotations
 from sshade.proxy.triangle import TriangleFrames
-from sshade.proxy.vertex_maps import VertexMaps
-from tests.shapes import bent, block, bumpy, family, held_ends, jittered, rotation
-from tests.sshade.proxy.test_blended import collapsed_and_turned, one_by_one, points_on
+from tests.shapes import bent, block, bumpy, held_ends, jittered
+from tests.sshade.proxy.test_binding import points_on
 
-#: Largest difference of positions due to rounding, as a fraction of the bounding-box diagonal.
-ROUNDING = 1e-12
-MESHES = family()
 KINDS = ("affine", "blended_affine")
 #: Every value of the options `frames` and `frame_function` that `sshade` does not have.
 OTHERS = [*((kind, "extent") for kind in KINDS), *(("triangle", f) for f in ("best", "x", "y", "z"))]
-
-
-@pytest.mark.parametrize("name", MESHES)
-@pytest.mark.parametrize("kind", KINDS)
-def test_an_undeformed_and_a_rigidly_moved_proxy_carry_the_mesh_exactly(name, kind):
-    mesh = MESHES[name]
-    binding = bind(mesh, mesh.n // 6, frames=named_frames(kind))
-    for R, t in ((np.eye(3), np.zeros(3)), (rotation(1), np.array([3.0, -1, 2]))):
-        V, degenerate = binding.carry(binding.proxy.V @ R.T + t)
-        assert degenerate == 0
-        assert np.abs(V - (mesh.V @ R.T + t)).max() <= ROUNDING * mesh.diagonal
 
 
 def test_the_affine_map_of_a_triangle_is_linear_interpolation_in_it_and_a_length_across():
@@ -44,32 +28,6 @@ def test_the_affine_map_of_a_triangle_is_linear_interpolation_in_it_and_a_length
     moved, missing = frames.decode(frames.encode(V, on), NV, on=on)
     assert missing == 0
     np.testing.assert_allclose(moved, expected, rtol=0, atol=1e-12)
-
-
-def test_stretching_frames_follow_the_definition_and_keep_samples_to_the_last_bit():
-    proxy = bumpy(1)
-    on, rng = points_on(proxy, 60), np.random.default_rng(1)
-    V = np.einsum("nc,ncx->nx", on.barycentric, proxy.V[proxy.F[on.face]]) + 0.1 * rng.normal(size=(60, 3))
-    NV = bent(proxy.V, 0.5) @ rotation(3).T
-    A, _ = VertexMaps.at_rest(proxy)(NV)
-    R = nearest_rotations(A)
-    S = R.transpose(0, 2, 1) @ A
-    frames, local = StretchingFrames(proxy), StretchingFrames(proxy).encode(V, on)
-    moved, missing = frames.decode(local, NV, on=on)
-    assert missing == 0
-    np.testing.assert_allclose(moved, one_by_one(proxy, V, on=on, NV=NV, R=R, S=S), rtol=0, atol=1e-12)
-    given = np.broadcast_to(np.eye(3), R.shape)  # is unused
-    assert np.array_equal(frames.decode(local, NV, on=on, rotations=given)[0], moved)
-    binding = bind(bumpy(3), 100, frames=named_frames("blended_affine"))
-    NV = bent(binding.proxy.V, 0.5) @ rotation(2).T
-    assert np.array_equal(binding.carry(NV)[0][binding.sampling.samples], NV)
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_collapsed_parts_of_the_proxy_are_counted(kind):
-    binding = bind(bumpy(3), 100, frames=named_frames(kind))
-    V, missing = binding.carry(collapsed_and_turned(binding.proxy)[0])
-    assert 0 < missing < (40 if kind == "affine" else 20) and np.isfinite(V).all()
 
 
 def test_other_functions_are_the_steepest_coordinate_and_named_coordinates():
