@@ -20,8 +20,8 @@ from tests.defaust.toy import OPTIONS, Balls
 from tests.files import sample
 from tests.gltf import glb
 from tests.shapes import bumpy, icosphere
+from tests.sshade.files.test_formats import mixed
 from tests.sshade.files.test_gltf import instanced
-from tests.sshade.files.test_ply import mixed
 
 BODY, BALL = bumpy(1), icosphere(0)
 MUTATIONS = 300

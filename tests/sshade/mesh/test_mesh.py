@@ -1,8 +1,18 @@
+"""Meshes: areas, normals, rigid motions, gaps between components, and components without handles."""
+
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
-from sshade import InputError, Mesh
-from tests.shapes import block, tetrahedron
+from sshade import DeformationTask, Handles, InputError, Mesh, deform
+from sshade.mesh.mesh import unit_rows
+from sshade.mesh.normals import NORMALS, SMOOTH, smooth_groups, turned, vertex_turns
+from sshade.mesh.quality import NEAR, NearParts, surface_points
+from sshade.mesh.rigid import common_motion, rigid_motion
+from sshade.mesh.unconstrained import contacts, leaders
+from tests.shapes import beside, block, bumpy, icosphere, rotation, shifted, tetrahedron, tube, unjoined
 
 TRIANGLE = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
 FAR = np.array([[5.0, 5, 5], [6, 6, 6]])
@@ -47,3 +57,220 @@ def test_coordinates_relative_to_the_origin_of_a_far_mesh_are_exact(shift, facto
     assert np.abs(relative).max() <= 8 * np.ptp(far.V, axis=0).max()
     assert far.origin[1] == 0 and np.array_equal(relative + far.origin, far.V)
     assert np.array_equal(np.diff(relative, axis=0), np.diff(far.V, axis=0))
+
+
+#: Without triangles of equal area: the largest triangle at a vertex is the same in any order.
+ROUND = icosphere(3)
+BALL = Mesh(unit_rows(ROUND.V + np.random.default_rng(0).uniform(-0.03, 0.03, (642, 3))), ROUND.F)
+POSED = BALL.V * [1.0, 1.5, 0.75] + 0.2 * BALL.V[:, [1, 2, 0]] ** 2
+TURNED = vertex_turns(BALL.V, BALL.F, BALL.V, POSED)
+
+
+def random_side(F):
+    return np.where(np.random.default_rng(0).random((len(F), 1)) < 0.5, F, F[:, ::-1])
+
+
+@pytest.mark.parametrize(
+    "faces",
+    [lambda F: F[:, ::-1], random_side, lambda F: np.concatenate([F, F[:, ::-1]])],
+    ids=["turned around", "of random sides", "with both sides"],
+)
+def test_normals_do_not_depend_on_the_sides_of_triangles(faces):
+    F = np.ascontiguousarray(faces(BALL.F))
+    found = turned(vertex_turns(BALL.V, F, BALL.V, POSED), BALL.V)
+    np.testing.assert_allclose(found, turned(TURNED, BALL.V), rtol=0, atol=1e-12)
+
+
+def test_a_seam_with_rounded_normals_stays_smooth():
+    """Each triangle has corners of its own, and their normals are rounded to three decimals."""
+    F = np.arange(BALL.F.size).reshape(-1, 3)
+    noise = np.random.default_rng(0).uniform(-0.4, 0.4, (F.size, 3)) * 1e-3
+    N = np.round(BALL.V[BALL.F.ravel()] + noise, 3)
+    rest = BALL.V[BALL.F.ravel()] + 1e-9 * noise
+    rest.setflags(write=False)
+    Q = vertex_turns(N, F, rest, POSED[BALL.F.ravel()])
+    np.testing.assert_allclose(Q, TURNED[BALL.F.ravel()], rtol=0, atol=2e-6)
+
+
+def test_a_hard_edge_stays_hard():
+    place = np.zeros((4, 3))
+    N = unit_rows(np.array([[0, 0, 1.0], [0, 0.9 * SMOOTH, 1], [0, 2.5 * SMOOTH, 1], [0, 0, np.nan]]))
+    group, one = smooth_groups(place, N)
+    assert group.tolist() == [0, 0, 1, 2] and one.tolist() == [0, 2, 3]
+    crowd = unit_rows(np.stack([np.ones(60), np.arange(60) % 30, np.zeros(60)], axis=1))
+    assert NORMALS < 30
+    group, one = smooth_groups(np.zeros((60, 3)), crowd)
+    assert group.tolist() == 2 * list(range(30)) and one.tolist() == list(range(30))
+
+
+TUBE = tube(16, 10, length=2.0)
+
+
+def chain(step: float, count: int = 5) -> Mesh:
+    return beside(*(shifted(TUBE, [0, 0, step * k]) for k in range(count)))
+
+
+@pytest.mark.parametrize("step", [1.7, 2.0, 2.02])
+def test_tubes_that_overlap_or_nearly_touch_open_by_the_distance_of_their_surfaces(step):
+    mesh = chain(step)
+    parts = NearParts(mesh)
+    moved = mesh.V.copy()
+    moved[3 * TUBE.n :] += [0, 0, 3 - step]  # the ends are 1 apart
+    gap = parts.gap(moved)
+    assert gap is not None and gap.components == (2, 3) and gap.pairs == 1
+    assert 0.95 <= gap.distance * mesh.diagonal <= max(3 - step, 1.05)
+
+
+def test_shapes_that_stay_together_have_no_gap():
+    """They move rigidly, grow, slide along each other, or were apart at rest."""
+    mesh = chain(1.7)
+    slid = mesh.V.copy()
+    slid[TUBE.n : 2 * TUBE.n] += [0, 0, 0.1]
+    for V in (mesh.V, mesh.V @ rotation(1).T + 3, 10 * mesh.V, slid):
+        assert NearParts(mesh).gap(V) is None
+    apart = chain(2 + 2 * NEAR * mesh.diagonal)
+    assert NearParts(apart).gap(apart.V * [1, 1, 3]) is None
+    assert NearParts(icosphere(2)).gap(9 * icosphere(2).V) is None
+
+
+def test_boxes_of_long_triangles_that_pierce_each_other_are_near():
+    """No vertex is near the other box."""
+    one = shifted(block(np.ones((1, 1, 1))), -1.0)
+    mesh = beside(one, Mesh((one.V - 0.5) * [0.2, 0.2, 5] + 0.5, one.F))
+    moved = np.where(np.arange(mesh.n)[:, None] < one.n, mesh.V, mesh.V + [2.0, 0, 0])
+    gap = NearParts(mesh).gap(moved)
+    assert gap is not None and gap.distance * mesh.diagonal == pytest.approx(1.4, abs=0.2)
+    corners, weights = surface_points(one, 0.1)
+    P = np.einsum("pk,pkc->pc", weights, one.V[corners])
+    np.testing.assert_allclose(np.abs(P - 0.5).max(axis=1), 0.5)
+    assert len(P) > 600
+
+
+def proper(R: np.ndarray) -> bool:
+    return np.allclose(R @ R.T, np.eye(3), atol=1e-13) and np.linalg.det(R) > 0
+
+
+@given(seed=st.integers(0, 10_000), count=st.integers(3, 8))
+def test_kabsch_equals_scipys_alignment(seed, count):
+    rng = np.random.default_rng(seed)
+    source, target = rng.normal(size=(2, count, 3))
+    target = target if seed % 2 else source @ rotation(seed).T + target[0]  # a rigid motion for even seeds
+    R, t = rigid_motion(source, target)
+    assert proper(R)
+    a, b = source - source.mean(axis=0), target - target.mean(axis=0)
+    reference = Rotation.align_vectors(b, a)[0].as_matrix()
+    gap, best = np.linalg.norm(source @ R.T + t - target), np.linalg.norm(a @ reference.T - b)
+    assert gap <= best * (1 + 1e-12) + 1e-12
+    assert np.allclose(R, reference, atol=1e-6)
+
+
+def test_kabsch_of_points_on_a_line_is_the_smallest_rotation():
+    line = np.linspace(-1, 1, 5)[:, None]
+    for a, b in ([[1, 0, 0], [0, 1, 0]], [[0, 0, 1], [0.6, 0, 0.8]]):
+        a, b = np.array(a, dtype=float), np.array(b, dtype=float)
+        R, t = rigid_motion(line * a + 2, line * b - 1)
+        assert proper(R) and np.allclose(R @ a, b, atol=1e-13)
+        assert Rotation.from_matrix(R).magnitude() == pytest.approx(np.arccos(a @ b))
+        assert np.allclose((line * a + 2) @ R.T + t, line * b - 1, atol=1e-13)
+    R, t = rigid_motion(np.ones((4, 3)), np.arange(12.0).reshape(4, 3))  # one place
+    assert np.array_equal(R, np.eye(3)) and np.allclose(t, np.arange(12.0).reshape(4, 3).mean(axis=0) - 1)
+    turned, _ = rigid_motion(line * [0.0, 0.6, 0.8], -line * [0.0, 0.6, 0.8])
+    assert proper(turned) and np.allclose(turned @ [0, 0.6, 0.8], [0, -0.6, -0.8], atol=1e-13)
+
+
+def test_points_with_a_common_motion():
+    P, R, t = icosphere(1).V, rotation(2), np.array([3.0, -1, 20])
+    for Q in (P + t, P @ R.T + t, P.astype(np.float32) @ R.T.astype(np.float32) + t):
+        found, shift = common_motion(P, Q)
+        assert np.abs(P @ found.T + shift - Q).max() < 1e-6
+    found, shift = common_motion(P[:1], P[:1] + t)
+    assert np.array_equal(found, np.eye(3)) and np.allclose(shift, t)
+    line = np.outer(np.arange(5.0), [1, 2, 3])
+    assert np.array_equal(common_motion(line, line + t)[0], np.eye(3))
+
+
+def test_points_without_one_or_with_several():
+    P, R = icosphere(1).V, rotation(2)
+    bent, mirrored, line = P.copy(), P * [1, 1, -1], np.outer(np.arange(5.0), [1, 2, 3])
+    bent[0] *= 1 + 1e-5
+    narrow = P * [1, 0.01, 0.01]
+    for source, target in ((P, bent), (P, mirrored), (line, line @ R.T), (narrow, narrow @ R.T)):
+        assert common_motion(source, target) is None
+
+
+BODY = bumpy(2)
+
+
+def test_contacts_are_places_of_several_components():
+    mesh, free = unjoined(BODY), np.arange(1, BODY.m)
+    found = contacts(mesh, free)
+    assert found.components == BODY.m - 1 and len(found.vertex) == mesh.n
+    assert np.array_equal(np.sort(found.vertex), np.arange(mesh.n))
+    assert np.array_equal(mesh.V[found.vertex], mesh.V[found.first])
+    assert len(np.unique(found.first)) == BODY.n
+    # If only component 7 has no handles, only the contacts of component 7 count.
+    few = contacts(mesh, np.array([7]))
+    assert few.components == 1
+    assert set(few.first) == set(few.vertex[np.unique(few.first, return_index=True)[1]])
+    assert len(np.unique(few.first)) == 3 and {21, 22, 23} <= set(few.vertex)
+    assert contacts(mesh, np.zeros(0, dtype=int)).components == 0
+    apart = beside(BODY, shifted(BODY, 9))
+    none = contacts(apart, np.array([1]))
+    assert none.components == 0 and none.opening(apart.V) == 0
+    V = mesh.V.copy()
+    V[30] += [0.3, 0, 0.4]
+    assert found.opening(mesh.V) == 0 and found.opening(V) == pytest.approx(0.5)
+
+
+def test_components_that_come_apart_are_named_before(caplog):
+    """The triangles touch at coincident corners, which the task does not merge."""
+    mesh, b = unjoined(BODY), np.array([0, 1, 2])
+    target = mesh.V[b] @ rotation(1).T
+    seen = []
+    task = DeformationTask("m", mesh, Handles(b, target))
+    result = deform(task, progress=lambda *_: seen.append(len(caplog.records)))
+    words = "319 components without handles touch other components, and may come apart from them where"
+    assert words in caplog.text and min(seen, default=1) == 1
+    assert result.facts.touching == 319 and result.facts.opening < 1e-12  # all follow one triangle
+    target[2] += 0.3
+    two = Handles(np.append(b, 600), np.concatenate([target, mesh.V[[600]] + 1]))
+    result = deform(DeformationTask("m", mesh, two))
+    assert result.facts.opening > 0.01
+
+
+def in_order(mesh: Mesh) -> Mesh:
+    """Return the mesh with its vertices numbered along x."""
+    order = np.argsort(mesh.V[:, 0])
+    return Mesh(mesh.V[order], np.argsort(order)[mesh.F])
+
+
+@pytest.mark.parametrize("gap", [0.0, 0.05, -0.2])
+def test_a_component_follows_the_one_that_it_is_next_to_through_others(gap):
+    """The first body is fixed, the last one moves. The third touches the second; its nearest handle moves."""
+    body, n = in_order(bumpy(4)), bumpy(4).n
+    width = np.ptp(body.V[:, 0]) + gap
+    mesh = beside(*(shifted(body, [x * width, 0, 0]) for x in (0.0, 1.0, 2.0, 3.4)))
+    index = np.append(np.arange(n), np.arange(3 * n, 4 * n))
+    target = mesh.V[index] + np.repeat([[0, 0, 0], [0, 2.0, 0]], n, axis=0)
+    shape = deform(DeformationTask("row", mesh, Handles(index, target))).vertices
+    np.testing.assert_allclose(shape[: 3 * n], mesh.V[: 3 * n], atol=1e-12)
+
+
+@pytest.mark.parametrize("x", [1.2, 1.6])
+def test_a_component_between_two_others_follows_the_nearer(x):
+    """All vertices of the outer bodies are handles: the left one stays, the right one is lifted."""
+    width, n = np.ptp(BODY.V[:, 0]), BODY.n
+    mesh = beside(*(shifted(BODY, [x * width, 0, 0]) for x in (0.0, x, 2.8)))
+    index = np.append(np.arange(n), np.arange(2 * n, 3 * n))
+    target = mesh.V[index] + np.repeat([[0, 0, 0], [0, 2.0, 0]], n, axis=0)
+    shape = deform(DeformationTask("row", mesh, Handles(index, target))).vertices
+    np.testing.assert_allclose((shape - mesh.V)[n : 2 * n], [[0, 2.0 * (x > 1.4), 0]] * n, atol=1e-12)
+
+
+def test_beads_follow_the_surface_and_not_each_other():
+    order = np.argsort(BODY.V[:, 2])[::10]
+    beads = [shifted(Mesh(0.04 * BODY.V, BODY.F), place) for place in 1.02 * BODY.V[order]]
+    mesh = beside(BODY, *beads)
+    led = leaders(mesh, np.arange(1, len(beads) + 1))
+    assert sorted(mesh.component[moved[0]] for moved, _ in led) == list(range(1, len(beads) + 1))
+    assert {mesh.component[near[0]] for _, near in led} == {0}
