@@ -1,23 +1,32 @@
-"""The bodies of the package: their assets, their skinning, the tools that baked them, and true poses."""
+"""The shipped bodies and animals: assets, skinning, noise, the tools that baked them, and halves."""
+
+from itertools import product
 
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
 
 from defaust.build.dataset import build
 from defaust.build.options import BuildOptions
 from defaust.build.upsample import self_intersecting
 from defaust.build.verify import verify
-from defaust.sources.animals import Animals
+from defaust.configuration import CONFIGURATION, configure
+from defaust.sources.animals import SPECIES, Animals, arrays_of, load_animal
 from defaust.sources.new_bodies import NewBodies
-from defaust.sources.noisy import NoisyBodies
+from defaust.sources.noisy import NoisyBodies, correlated_noise
 from defaust.sources.skinning import apply_motions, blend_motions, bone_motions
 from defaust.sources.source import read_asset
-from defaust.sources.synthetic import SHA256, SyntheticBodies
+from defaust.sources.synthetic import SHA256, SyntheticBodies, load_bodies
 from defaust.tasks import load_task
+from eval.rows.splits import HELD_OUT, TUNING, split_of
+from sshade.mesh.rigid import rigid_motion
 from tests.defaust.toy import change
 from tests.full import few
+from tools.bake.animals import bone_weights, find_landmarks, make_poses, read_table
 from tools.bake.bodies import add_poses, without_reaches
+from tools.bake.capsules import make_rig
+from tools.bake.template import quantise_weights
 
 BODIES, NEW = SyntheticBodies(), NewBodies()
 #: Sources, each with a subject and the steps of subdivision.
@@ -84,3 +93,142 @@ def test_a_build_is_sound_and_high_and_low_resolution_have_one_true_pose(name, t
     change(tmp_path / "out", lambda document: document["source"].update(asset_sha256="0" * 64))
     task = load_task(tmp_path / "out", subject=subject, pose=1)
     assert task.truth is None and "of another version (asset 000000000000)" in task.meta["no_truth"]
+
+
+SUBJECTS = range(len(SPECIES))
+
+
+@pytest.mark.parametrize("subject", SUBJECTS)
+def test_animals_are_closed_without_handles_or_intersections_at_rest(subject):
+    rest = Animals().rest(subject)
+    assert rest.is_closed and rest.is_manifold and rest.is_oriented and rest.volume > 0
+    assert rest.topology == (2, 1, 0)
+    assert not self_intersecting(rest).any()
+    assert rest.n == pytest.approx(read_table()[SPECIES[subject]]["vertices"], rel=0.05)
+    assert rest.V[:, 1].min() == pytest.approx(0.0, abs=0.01 * rest.diagonal)
+
+
+@pytest.mark.parametrize("species", SPECIES)
+def test_weights_poses_and_landmarks_of_the_asset_can_be_baked_again(species):
+    arrays, animal, table = arrays_of(species), load_animal(species), read_table()[species]
+    rig = make_rig(table)
+    V, F = animal.rest[0], animal.faces
+    # The vertices lie on the surface of the formulas.
+    assert np.abs(rig.level(V)).max() < 0.01 * np.linalg.norm(np.ptp(V, axis=0))
+    bone, weight = quantise_weights(bone_weights(rig, V, F), keep=arrays["bone"].shape[1])
+    assert np.abs(weight.astype(int) - arrays["weight"]).max() <= 1
+    rotations, shifts = make_poses(rig, table["poses"])
+    np.testing.assert_allclose(rotations, arrays["rotations"], atol=1e-6)
+    np.testing.assert_allclose(shifts, arrays["shifts"], atol=1e-6)
+    assert find_landmarks(V, table["landmarks"]) == dict(animal.landmarks)
+
+
+EXACT = NoisyBodies(noise=0.0)
+
+
+def displaced(source, subject, k):
+    """Displacement (n, 3) of the vertices of a pose by its noise, in metres."""
+    pose = source.poses(subject)[k]
+    return source.posed(subject, pose).V - EXACT.posed(subject, pose).V
+
+
+def test_the_noise_has_the_asked_size_and_the_rest_mesh_has_none():
+    moved = 1000 * displaced(NoisyBodies(noise=3.0), 3, 1)
+    assert np.sqrt((moved**2).sum(axis=1).mean()) == pytest.approx(3.0)
+    assert np.abs(moved.mean(axis=0)).max() < 0.3  # no shift of the body as a whole
+    np.testing.assert_array_equal(NoisyBodies(noise=4.0).rest(7).V, SyntheticBodies().rest(7).V)
+
+
+def test_the_noise_is_alike_nearby_and_independent_farther_away():
+    V = load_bodies().rest[0]
+    noise = np.stack([correlated_noise(V, rms=1.0, seed=[k]) for k in range(8)], axis=1)
+    pairs = cKDTree(V).query_pairs(0.06, output_type="ndarray")
+    distance = np.linalg.norm(V[pairs[:, 0]] - V[pairs[:, 1]], axis=1)
+    product = (noise[pairs[:, 0]] * noise[pairs[:, 1]]).sum(axis=2).mean(axis=1)
+    for low, high, least, most in ((0, 0.006, 0.9, 1.1), (0.013, 0.017, 0.5, 0.7), (0.05, 0.06, -0.05, 0.05)):
+        assert least < product[(distance >= low) & (distance < high)].mean() < most
+
+
+def test_noise_depends_on_seed_subject_and_pose():
+    first = displaced(NoisyBodies(), 0, 0)
+    np.testing.assert_array_equal(first, displaced(NoisyBodies(), 0, 0))
+    for other in (NoisyBodies(seed=1), 0, 0), (NoisyBodies(), 1, 0), (NoisyBodies(), 0, 1):
+        assert np.abs(displaced(*other) - first).max() > 1e-3
+
+
+def test_the_truth_is_exact_the_handles_have_the_noise_and_the_card_says_so(tmp_path):
+    source, options = NoisyBodies(noise=4.0), BuildOptions(subjects=(5,), target_vertices=None)
+    build(source, tmp_path / "out", options=options, workers=1)
+    task = load_task(tmp_path / "out", subject=5, pose=1)
+    assert task.meta["posed_by"] == "skinning"
+    moved = task.handles.dynamic
+    missed = task.handles.target[moved] - task.truth[task.handles.index[moved]]
+    np.testing.assert_allclose(missed, displaced(source, 5, 0)[task.handles.index[moved]], atol=1e-12)
+    assert 0.002 < np.sqrt((missed**2).sum(axis=1).mean()) < 0.006
+    card = (tmp_path / "out/README.md").read_text(encoding="utf-8")
+    assert "4 mm of noise" in card and "as ground truth" not in card
+
+
+#: Sources without files of a user.
+SHIPPED = [p.stem for p in CONFIGURATION.glob("source/*.yaml") if "root: ???" not in p.read_text()]
+SHIPPED.remove("tosca")  # its root is in sequence.yaml
+#: Angle in degrees by which a tenth of the surface is turned otherwise: less for two bodies in one pose.
+SAME_POSE = 34.0
+#: Mean distance of two bodies, x the diagonal, above which they are not one body.
+SAME_BODY = 0.004
+
+
+@pytest.fixture(scope="module")
+def cases():
+    """By half: pairs (source, subject) -> the poses of the subject in this half."""
+    found = {TUNING: {}, HELD_OUT: {}}
+    for name in SHIPPED:
+        source = configure([f"source={name}", "out=unused"]).source
+        for subject in source.subjects:
+            for k, pose in enumerate(source.poses(subject), start=1):
+                half = split_of(f"defaust-{source.name}/subject_{subject:02d}/pose_{k}")
+                if half:
+                    found[half].setdefault((source, subject), []).append(pose)
+    return found
+
+
+def same_template(cases, names=("synthetic", "new_bodies", "noisy_2mm")):
+    """By half: the subjects whose meshes have the faces of the bodies."""
+    return [{key: own for key, own in half.items() if key[0].name in names} for half in cases.values()]
+
+
+def test_held_out_bodies_are_other_bodies_than_those_of_tuning_cases(cases):
+    tuning, held_out = ([(s, source.rest(s)) for source, s in half] for half in cases.values())
+    pairs = [(s, t, a, b) for (s, a), (t, b) in product(held_out, tuning) if np.array_equal(a.F, b.F)]
+    assert len(pairs) > 20
+    for s, t, ours, theirs in pairs:
+        R, shift = rigid_motion(ours.V, theirs.V)
+        apart = np.linalg.norm(ours.V @ R.T + shift - theirs.V, axis=1).mean() / ours.diagonal
+        assert apart > SAME_BODY, (s, t)
+
+
+@pytest.mark.full
+def test_no_held_out_pose_turns_the_surface_as_a_tuning_pose_does(cases):
+    tuning, held_out = (
+        {(pose.name, s): normals(source, s, pose) for (source, s), own in half.items() for pose in own}
+        for half in same_template(cases)
+    )
+    first = {name: normal for (name, _), normal in reversed(tuning.items())}
+    for ((name, s), a), (other, b) in product(held_out.items(), first.items()):
+        assert turned(a, b) > SAME_POSE, (name, s, other)
+    # The measure finds two bodies in one pose.
+    assert max(turned(a, first[name]) for (name, _), a in tuning.items()) < SAME_POSE
+
+
+def normals(source, subject, pose):
+    """Normals of every fourth face of a posed body."""
+    return source.posed(subject, pose).face_normals[::4]
+
+
+def turned(a, b):
+    """Angle in degrees by which a tenth of the surface is turned otherwise, after a rotation of the whole."""
+    share = SyntheticBodies().rest(0).face_areas[::4]
+    aligned = Rotation.align_vectors(a, b, share)[0].apply(b)
+    angle = np.arccos(np.clip((a * aligned).sum(axis=1), -1, 1))
+    order = np.argsort(-angle)
+    return np.degrees(angle[order][np.searchsorted(np.cumsum(share[order]), 0.1 * share.sum())])

@@ -1,12 +1,14 @@
-"""Choice of handles, displacements, and the entries of pose files."""
+"""Choice of handles, displacements, entries of pose files, and measures of a case."""
 
 import numpy as np
 import pytest
 
-from defaust.build.handles import choose_handles, displacement, nearest_vertices
+from defaust.build.handles import choose_handles, displacement, handle_records, nearest_vertices
+from defaust.build.measures import case_facts
 from defaust.build.options import BuildOptions
+from defaust.sources.source import SourcePose
 from defaust.sources.synthetic import SyntheticBodies
-from sshade import InputError
+from sshade import InputError, Mesh
 from tests.shapes import jittered, strip
 
 
@@ -47,3 +49,54 @@ def test_delta_by_hand():
     assert d == {"delta": 6.0, "delta_mean": 2.0, "kind": "dynamic"}  # 2 >= 0.05 * 39 = 1.95
     assert displacement(source, target, diagonal=41.0, static_below=0.05)["kind"] == "static"  # 2 < 2.05
     assert displacement(source, target, diagonal=41.0, static_below=0.04)["kind"] == "dynamic"
+
+
+def facts_of(posed, *, chosen):
+    rest = strip(20, 2)  # a band of 20 x 2 squares
+    pose = SourcePose("pose", tuple(chosen))
+    mesh = Mesh(posed(rest.V), rest.F)
+    records = handle_records(rest, mesh, pose, regions=(), chosen=chosen, options=BuildOptions())
+    return rest, case_facts(rest, mesh, records)
+
+
+def near(x):
+    """Vertices of the band whose first coordinate lies around x."""
+    return np.flatnonzero(np.abs(strip(20, 2).V[:, 0] - x) <= 1.0)
+
+
+def rotated(V, degrees, beyond):
+    """Rotate the vertices beyond a first coordinate about that place, in the plane of the band."""
+    a = np.radians(degrees)
+    R = np.array([[np.cos(a), -np.sin(a), 0], [np.sin(a), np.cos(a), 0], [0, 0, 1]])
+    centre = np.array([beyond, 0.0, 0.0])
+    return np.where(V[:, :1] > beyond, (V - centre) @ R.T + centre, V)
+
+
+def test_a_rigid_motion_leaves_no_residual_and_no_angle():
+    _, facts = facts_of(lambda V: rotated(V, 90, -1) + [3, 0, 0], chosen={"a": near(3), "b": near(15)})
+    assert facts["moving"] == len(near(3)) + len(near(15)) and facts["static_moved"] is None
+    for group in facts["groups"]:
+        assert group["residual"] == pytest.approx(0, abs=1e-12)
+        assert group["turned"] == pytest.approx(0, abs=1e-5)
+
+
+def test_a_bent_landmark_differs_from_its_surroundings():
+    # All handles at the end turn by 40 degrees, and less than half of the surface around them does.
+    _, facts = facts_of(lambda V: rotated(V, 40, 18.5), chosen={"fixed": near(3), "end": near(20)})
+    fixed, end = facts["groups"]
+    assert fixed["turned"] == pytest.approx(0, abs=1e-5) and 5 < end["turned"] < 40
+    assert facts["static_moved"] == 0.0 and facts["moving"] == len(near(20))
+
+
+def test_the_residual_is_a_fraction_of_the_extent():
+    # Stretch by 1.5 along the band: s - 1.25 s is left at each end of a group that lies on one line.
+    _, facts = facts_of(lambda V: V * [1.5, 1, 1], chosen={"line": np.flatnonzero(strip(20, 2).V[:, 1] == 0)})
+    assert facts["groups"][0]["residual"] == pytest.approx(0.5)
+
+
+def test_landmarks_that_disagree_are_listed():
+    rest, facts = facts_of(lambda V: V + [0, 0, 4] * (V[:, :1] > 4.5), chosen={"a": near(3), "b": near(6)})
+    pair = {"static": "a", "dynamic": "b", "apart": 1 / rest.diagonal, "distance": 4 / rest.diagonal}
+    assert facts["contradictions"] == [pytest.approx(pair, abs=1e-6)]
+    _, far = facts_of(lambda V: V + [0, 0, 4] * (V[:, :1] > 4.5), chosen={"a": near(3), "b": near(15)})
+    assert far["contradictions"] == []
