@@ -2,13 +2,15 @@
 
 import shlex
 from pathlib import Path
+from time import sleep
 
 import numpy as np
 import pytest
 
 from baselines import arap
 from eval.bench import cases, jobs, quality
-from eval.bench.bench import read_cases
+from eval.bench.bench import read_cases, write_tables
+from eval.bench.turns import ATTEMPTS, Job, Reading, take_turns, used_by_others
 from eval.main import call, main
 from eval.rows.frame import numbers, read_csv, write_csv
 from eval.run.warmup import tiny_transfer
@@ -148,3 +150,45 @@ def test_pose_transfers_are_neither_subdivided_nor_deformed_by_the_command(monke
         cases.TimedCase({}, level=1).load()
     with pytest.raises(InputError, match="icosphere is a pose transfer"):
         jobs.time_commands(["fast"], [cases.TimedCase({})], rounds=1)
+
+
+def job(name, order):
+    def call():
+        order.append(name)
+        sleep(2e-3)
+        return {"seconds.total": 1.0}
+
+    return Job({"method.name": name, "method.hash": name, "task.name": "t", "task.checksum": "c"}, call)
+
+
+def test_several_rejected_repeats_in_a_row_end_the_command(machine):
+    machine(0.3)
+    order = []
+    with pytest.raises(InputError, match="not quiet: 5 repeats of a on t in a row .* used 30% .*nothing was"):
+        take_turns([job("a", order)], rounds=3)
+    assert order == ["a"] * (1 + ATTEMPTS)
+
+
+@pytest.mark.parametrize(("busy", "own", "share"), [(19.0, 18.1, 0.045), (19.0, 17.8, 0.06), (5.0, 5.1, 0.0)])
+def test_the_share_of_others(busy, own, share):
+    """The system counts whole ticks, so it may count less than the process."""
+    before, after = Reading(100.0, 50.0, 40.0), Reading(110.0, 50 + busy, 40 + own)
+    assert used_by_others(before, after, cores=2) == pytest.approx(share)
+
+
+RESULTS = Path(__file__).parents[3] / "results"
+
+
+PUBLISHED = sorted((RESULTS / "timing").glob("*.csv"))
+
+
+@pytest.mark.parametrize("path", PUBLISHED, ids=lambda path: path.stem)
+def test_published_tables_follow_from_published_rows_of_one_clean_commit_and_machine(path, tmp_path):
+    """After a change of tables, write_tables makes the published ones again."""
+    found = read_csv(path)
+    assert not found["env.modified"].any() and found["env.commit"].all()
+    assert all(found[column].nunique() == 1 for column in ("env.commit", "env.machine_id"))
+    write_tables(found, tmp_path / path.stem)
+    for suffix in ("csv", "md"):
+        made = (tmp_path / f"{path.stem}.{suffix}").read_bytes()
+        assert made == (RESULTS / "tables" / f"{path.stem}.{suffix}").read_bytes()
