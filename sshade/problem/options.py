@@ -521,7 +521,7 @@ def _in_words(value: Any) -> str:
 
 
 def default(name: str, presets: Mapping[str, Options | Mapping[str, Any]] = PRESETS) -> str:
-    """Return an option's value in each preset, in words; one word where all agree."""
+    """Return an option's value in each preset, in words; one word where all methods have it and agree."""
     found: dict[str, list[str]] = {}
     for method in described()[name].methods:
         preset = presets.get(method, {})
@@ -529,7 +529,7 @@ def default(name: str, presets: Mapping[str, Options | Mapping[str, Any]] = PRES
         if name in values:
             value = values[name]
             found.setdefault(_in_words(value), []).append(method)
-    if len(found) == 1 and presets is PRESETS:
+    if presets is PRESETS and list(map(len, found.values())) == [len(described()["seed"].methods)]:
         return next(iter(found))
     return "; ".join(f"{text} ({', '.join(methods)})" for text, methods in found.items())
 
