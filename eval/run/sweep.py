@@ -179,7 +179,11 @@ def _label(
     values = [name for name in several if name.lstrip("+").startswith(("method.", "solver.", "proxy."))]
     differ = [name for name in [*choices, *values] if name != "method"]
     text = str(plain_of(config, resolve=False)["label"])
-    given = [_line(override) for override in overrides if override.get_key_element() not in several]
+    given = [
+        f"{name}={swept[name][0]}" if override.is_sweep_override() else _line(override)
+        for override in overrides
+        if (name := override.get_key_element()) not in several
+    ]
     label = []
     if differ and text == CHOICE and "label" not in swept:
         label = [f"label='{CHOICE}-{_differing(differ)}'"]
