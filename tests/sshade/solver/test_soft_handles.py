@@ -15,18 +15,22 @@ BODY = bumpy(2)
 EXACT = {"tolerance": 1e-11, "max_iterations": 20_000}
 
 
-def task_of(mesh: Mesh, *, weight=5.0, held=()) -> DeformationTask:
+def task_of(mesh: Mesh, *, weight=5.0, held=(), **more) -> DeformationTask:
     """Return a task with two soft groups, of which the upper is turned and moved, and hard handles."""
     order, R = np.argsort(mesh.V[:, 2], kind="stable"), rotation()
     turned = order[-6:], lambda V: V @ R.T + [0.3, 0, 0.1]
-    own = moved_parts(mesh.V, (order[:6], 0), turned, (list(held), 0), weights=[weight, weight, np.inf])
+    weights = [weight, weight, np.inf]
+    own = moved_parts(mesh.V, (order[:6], 0), turned, (list(held), 0), weights=weights, **more)
     return DeformationTask("soft", mesh, own)
 
 
 def energy(task: DeformationTask, P: np.ndarray, *, kind: str) -> float:
     """Return the energy of the definition, with each edge counted once, plus the pulls of soft handles."""
     naive, handles = Naive(task, kind), task.handles
-    total = naive.energy(P, naive.rotations(P)) / (2 if kind == "spokes" else 3)
+    R = naive.rotations(P)
+    if (prescribed := handles.prescribed_rotations) is not None:
+        R[prescribed[0]] = prescribed[1]
+    total = naive.energy(P, R) / (2 if kind == "spokes" else 3)
     area = vertex_areas(task.mesh)
     for group in np.unique(handles.group[np.isfinite(handles.weight)]):
         own = handles.group == group
@@ -37,9 +41,12 @@ def energy(task: DeformationTask, P: np.ndarray, *, kind: str) -> float:
 
 
 @pytest.mark.parametrize("kind", ["spokes", "spokes_and_rims"])
-@pytest.mark.parametrize("held", [(), (0, 5, 9)])
-def test_the_minimum_is_stationary_in_an_energy_of_its_own(kind, held):
-    task = task_of(BODY, held=held)
+@pytest.mark.parametrize(
+    ("held", "turns"), [((), None), ((0, 5, 9), None), ((0, 5, 9), [None, rotation(4), rotation(5)])]
+)
+def test_the_minimum_is_stationary_in_an_energy_of_its_own(kind, held, turns):
+    """Some or no handles are hard, and some groups have prescribed rotations."""
+    task = task_of(BODY, held=held, rotations=turns)
     result = local_global(task, energy=kind, start="rigid", **EXACT)
     P, at = result.vertices, energy(task, result.vertices, kind=kind)
     factor = 2 if kind == "spokes" else 3
