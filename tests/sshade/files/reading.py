@@ -1,9 +1,8 @@
-"""Read mesh files with trimesh and meshio, without code of the package."""
+"""Read mesh files with trimesh, without code of the package."""
 
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import meshio
 import numpy as np
 import trimesh
 
@@ -64,15 +63,3 @@ def _columns(data: Any) -> dict[str, Any]:
     """Return the properties of an element of PLY that stay."""
     names = data.keys() if isinstance(data, dict) else data.dtype.names
     return {name: np.asarray(data[name]).tolist() for name in names if name not in MOVED}
-
-
-def by_meshio(path: Path) -> Content:
-    """Read points, cells of all sizes, and their data."""
-    mesh = meshio.read(path)
-    data = {name: values for name, values in mesh.point_data.items() if name not in MOVED}
-    N = data.pop("obj:vn", None)
-    if N is None and "nx" in mesh.point_data:
-        N = np.column_stack([mesh.point_data[name] for name in ("nx", "ny", "nz")])
-    cells = [(block.type, block.data) for block in mesh.cells]
-    N = np.zeros((0, 3)) if N is None else np.asarray(N, dtype=float)
-    return Content(mesh.points[:, :3], N, [mesh.points[:, 3:], cells, data, mesh.cell_data])

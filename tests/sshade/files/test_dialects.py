@@ -17,7 +17,7 @@ from tests.files import contents
 from tests.gltf import with_arrays
 from tests.robustness.case import run
 from tests.shapes import beside, bumpy, rotation, shifted, tube
-from tests.sshade.files.reading import by_meshio, by_trimesh
+from tests.sshade.files.reading import by_trimesh
 from tests.write import columns, lines, mesh_ply, obj, off, ply, rows
 
 
@@ -179,14 +179,6 @@ SURFACES = {
     ".glb nested nodes": placed(NEST),
     ".glb instances": placed(np.eye(4), TURNED),
 }
-#: Files that meshio does not read; trimesh reads all.
-UNREAD = {
-    *(f".ply {name}" for name in ("further elements", "faces first", "axes apart")),
-    *(f".ply {name}" for name in ("ascii normals first", "values of faces", "vertex_index")),
-    *(f".off {name}" for name in OFF if name != "plain"),
-    *(f".stl {name}" for name in STL if name != "binary"),
-    *(f".glb {name}" for name in GLTF),
-}
 #: Accepted error of positions in single precision, as a fraction of the diagonal, and of normals.
 NEAR, ANGLE = 1e-6, 1e-5
 TURN = rotation(3)
@@ -213,18 +205,16 @@ def test_a_moved_file_differs_in_positions_and_normals_alone(here, name):
     assert code == 0 and out == "" and "warning" not in err, err
     after = contents()
     assert before.items() <= after.items() and after.keys() - before.keys() == {str(posed)}
-    for reader in [by_trimesh] if name in UNREAD else [by_trimesh, by_meshio]:
-        old, new = reader(path), reader(posed)
-        assert new.V.shape == old.V.shape
-        if len(old.V):
-            # Vertices that are not in `mesh` have no face, and stay.
-            distance, vertex = cKDTree(mesh.V).query(old.V)
-            near = distance < NEAR * mesh.diagonal
-            assert len(np.unique(vertex[near])) == mesh.n
-            target = np.where(near[:, None], expected[vertex], old.V)
-            np.testing.assert_allclose(new.V, target, rtol=0, atol=NEAR * mesh.diagonal)
-        np.testing.assert_allclose(new.N, old.N @ TURN.T, rtol=0, atol=ANGLE)
-        np.testing.assert_equal(new.rest, old.rest)
+    old, new = by_trimesh(path), by_trimesh(posed)
+    assert new.V.shape == old.V.shape
+    # Vertices that are not in `mesh` have no face, and stay.
+    distance, vertex = cKDTree(mesh.V).query(old.V)
+    near = distance < NEAR * mesh.diagonal
+    assert len(np.unique(vertex[near])) == mesh.n
+    target = np.where(near[:, None], expected[vertex], old.V)
+    np.testing.assert_allclose(new.V, target, rtol=0, atol=NEAR * mesh.diagonal)
+    np.testing.assert_allclose(new.N, old.N @ TURN.T, rtol=0, atol=ANGLE)
+    np.testing.assert_equal(new.rest, old.rest)
 
 
 @pytest.mark.parametrize("suffix", [".obj", ".off", ".stl", ".glb", ".gltf"])
