@@ -224,23 +224,15 @@ def test_a_tree_is_modified_by_files_that_can_change_numbers(tmp_path, monkeypat
         assert environment._commit.__wrapped__()[1] is modified
 
 
-def test_the_checksum_of_a_pose_transfer_covers_all_that_a_method_reads():
+def test_the_checksum_of_a_task_covers_all_that_a_method_reads():
     rest = bumpy(1)
-    task = TransferTask("t", rest, rest, 2 * rest.V)
-    same = TransferTask("other name", rest, rest, 2 * rest.V, truth=rest.V)
-    assert environment.task_checksum(task) == environment.task_checksum(same)
-    others = [
-        TransferTask("t", Mesh(3 * rest.V, rest.F), rest, 2 * rest.V),
-        TransferTask("t", rest, Mesh(3 * rest.V, rest.F), 2 * rest.V),
-        TransferTask("t", rest, rest, 3 * rest.V),
-    ]
-    assert len({environment.task_checksum(other) for other in [task, *others]}) == 4
-
-
-def test_the_checksum_of_a_task_covers_its_handles():
-    mesh = bumpy(1)
-    same = {"index": [0, 1], "target": mesh.V[:2], "group": [0, 1]}
-    changes = [{}, {"index": [0, 2]}, {"target": mesh.V[1:3]}, {"weight": [1.0, 2.0]}, {"group": [0, 0]}]
+    larger, V = Mesh(3 * rest.V, rest.F), rest.V
+    one, same = TransferTask("t", rest, rest, 2 * V), TransferTask("other name", rest, rest, 2 * V, truth=V)
+    assert environment.task_checksum(one) == environment.task_checksum(same)
+    tasks = [one, TransferTask("t", larger, rest, 2 * V), TransferTask("t", rest, larger, 2 * V)]
+    tasks.append(TransferTask("t", rest, rest, 3 * V))
+    handles = {"index": [0, 1], "target": V[:2], "group": [0, 1]}
+    changes = [{}, {"index": [0, 2]}, {"target": V[1:3]}, {"weight": [1.0, 2.0]}, {"group": [0, 0]}]
     changes += [{"dynamic": [True, False]}, {"rotation": np.tile(np.eye(3), (2, 1, 1))}]
-    tasks = [DeformationTask("t", mesh, Handles(**same | change)) for change in changes]
-    assert len({environment.task_checksum(task) for task in tasks}) == len(changes)
+    tasks += [DeformationTask("t", rest, Handles(**handles | change)) for change in changes]
+    assert len(set(map(environment.task_checksum, tasks))) == len(tasks) == 11

@@ -244,27 +244,22 @@ def in_order(mesh: Mesh) -> Mesh:
     return Mesh(mesh.V[order], np.argsort(order)[mesh.F])
 
 
-@pytest.mark.parametrize("gap", [0.0, 0.05, -0.2])
-def test_a_component_follows_the_one_that_it_is_next_to_through_others(gap):
-    """The first body is fixed, the last one moves. The third touches the second; its nearest handle moves."""
+#: Places of bodies in a row, in widths, and whether each moves. Of the first and the last all vertices are
+#: handles: the first is fixed, the last is lifted. Bodies follow their neighbours, also through others.
+ROWS = {((0, 1.0 + gap, 2.0 + 2 * gap, 3.4 + 3 * gap), (0, 0, 0, 1)) for gap in (0.0, 0.05, -0.2)}
+ROWS |= {((0, 1.2, 2.8), (0, 0, 1)), ((0, 1.6, 2.8), (0, 1, 1))}
+
+
+@pytest.mark.parametrize(("places", "moves"), sorted(ROWS))
+def test_a_component_follows_the_one_that_it_is_next_to(places, moves):
+    """In a row of four, the third touches the second, but its nearest handle is of the fourth."""
     body, n = in_order(bumpy(4)), bumpy(4).n
-    width = np.ptp(body.V[:, 0]) + gap
-    mesh = beside(*(shifted(body, [x * width, 0, 0]) for x in (0.0, 1.0, 2.0, 3.4)))
-    index = np.append(np.arange(n), np.arange(3 * n, 4 * n))
+    mesh = beside(*(shifted(body, [x * np.ptp(body.V[:, 0]), 0, 0]) for x in places))
+    index = np.append(np.arange(n), np.arange(mesh.n - n, mesh.n))
     target = mesh.V[index] + np.repeat([[0, 0, 0], [0, 2.0, 0]], n, axis=0)
     shape = deform(DeformationTask("row", mesh, Handles(index, target))).vertices
-    np.testing.assert_allclose(shape[: 3 * n], mesh.V[: 3 * n], atol=1e-12)
-
-
-@pytest.mark.parametrize("x", [1.2, 1.6])
-def test_a_component_between_two_others_follows_the_nearer(x):
-    """All vertices of the outer bodies are handles: the left one stays, the right one is lifted."""
-    width, n = np.ptp(BODY.V[:, 0]), BODY.n
-    mesh = beside(*(shifted(BODY, [x * width, 0, 0]) for x in (0.0, x, 2.8)))
-    index = np.append(np.arange(n), np.arange(2 * n, 3 * n))
-    target = mesh.V[index] + np.repeat([[0, 0, 0], [0, 2.0, 0]], n, axis=0)
-    shape = deform(DeformationTask("row", mesh, Handles(index, target))).vertices
-    np.testing.assert_allclose((shape - mesh.V)[n : 2 * n], [[0, 2.0 * (x > 1.4), 0]] * n, atol=1e-12)
+    np.testing.assert_allclose((shape - mesh.V)[:, 1], np.repeat(np.multiply(2.0, moves), n), atol=1e-12)
+    np.testing.assert_allclose((shape - mesh.V)[:, ::2], 0, atol=1e-12)
 
 
 def test_beads_follow_the_surface_and_not_each_other():
