@@ -4,27 +4,30 @@ import numpy as np
 import pytest
 
 from sshade import DeformationResult, DeformationTask, Handles, InputError, Mesh, TransferTask
+from tests.refusals import refusals
 from tests.shapes import icosphere, rotation, tetrahedron
 
 TETRAHEDRON, TURNS = tetrahedron(), np.stack([np.eye(3), rotation(1)])
 TURNED = Mesh(TETRAHEDRON.V, TETRAHEDRON.F[::-1])
-ONE = Handles([0], TETRAHEDRON.V[:1])
+ONE, PLACES = Handles([0], TETRAHEDRON.V[:1]), np.eye(3)[:2]
 
 
-@pytest.mark.parametrize(
-    ("call", "error", "words"),
-    [
-        (lambda: DeformationTask("t", (TETRAHEDRON.V, TETRAHEDRON.F), ONE), TypeError, "not a tuple"),
-        (lambda: DeformationTask("t", TETRAHEDRON, [0]), TypeError, "takes Handles, not a list"),
-        (lambda: DeformationTask("t", TETRAHEDRON, ONE, guess=np.eye(3)), InputError, "guess has shape"),
-        (lambda: TransferTask("t", TETRAHEDRON, TURNED, TETRAHEDRON.V), InputError, "other faces"),
-        (lambda: DeformationResult(np.array([np.nan, 1]), 1, True), FloatingPointError, "1 deformed vert"),
-        (lambda: Handles.from_positions(TETRAHEDRON, np.eye(3)[:2], np.eye(3)[:1]), InputError, "2 handles"),
-    ],
-)
-def test_tasks_and_results_that_do_not_correspond_are_refused(call, error, words):
-    with pytest.raises(error, match=words):
-        call()
+APART = {
+    "guess has shape": lambda: DeformationTask("t", TETRAHEDRON, ONE, guess=np.eye(3)),
+    "other faces": lambda: TransferTask("t", TETRAHEDRON, TURNED, TETRAHEDRON.V),
+    "2 handles": lambda: Handles.from_positions(TETRAHEDRON, np.eye(3)[:2], np.eye(3)[:1]),
+}
+
+test_tasks_and_results_that_do_not_correspond_are_refused = refusals(APART)
+
+
+def test_other_types_and_results_that_are_not_finite_are_errors():
+    with pytest.raises(TypeError, match="not a tuple"):
+        DeformationTask("t", (TETRAHEDRON.V, TETRAHEDRON.F), ONE)
+    with pytest.raises(TypeError, match="takes Handles, not a list"):
+        DeformationTask("t", TETRAHEDRON, [0])
+    with pytest.raises(FloatingPointError, match="1 deformed vert"):
+        DeformationResult(np.array([np.nan, 1]), 1, True)
 
 
 def test_repeated_ids_with_one_target_are_kept_once_in_order():
@@ -38,27 +41,27 @@ def test_repeated_ids_with_one_target_are_kept_once_in_order():
     assert handles.dynamic.tolist() == [True, False, True] and handles.group.tolist() == [0, 1, 3]
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        ({"index": [], "target": np.zeros((0, 3))}, "no handles"),
-        ({"index": [0.5], "target": np.zeros((1, 3))}, "integers"),
-        ({"target": np.zeros((2, 2))}, r"targets of shape \(2, 3\), not \(2, 2\)"),
-        ({"index": [5, 6], "target": [[0, 0, 0], [np.nan, 0, 0]]}, r"handle 1 \(vertex 6\) is NaN"),
-        ({"dynamic": [True]}, "`dynamic` of shape"),
-        ({"dynamic": ["no", "yes"]}, "`dynamic` must be numbers"),
-        ({"dynamic": [0, 2]}, "`dynamic` must be True or False, not 2"),
-        ({"group": [0.2, 1.2]}, "`group` must be whole numbers, not 0.2"),
-        ({"group": [np.nan, 1]}, "`group` must be whole numbers, not nan"),
-        ({"index": [4, 4], "target": np.zeros((2, 3)), "weight": [1, 2]}, "vertex 4 has two weights"),
-        ({"index": [4, 4], "target": np.zeros((2, 3)), "rotation": TURNS}, "vertex 4 has two rotations"),
-        ({"index": [4, 4]}, "vertex 4 has contradictory targets, 1.41 apart"),
-        ({"index": [4, 4], "group": [0, 3]}, "vertex 4 has contradictory targets in groups 0 and 3"),
-    ],
-)
-def test_inconsistent_handles_are_refused(arguments, words):
-    with pytest.raises(InputError, match=words):
-        Handles(**{"index": [0, 1], "target": np.eye(3)[:2]} | arguments)
+def two(index=(0, 1), target=PLACES, **more) -> Handles:
+    return Handles(index, target, **more)
+
+
+INCONSISTENT = {
+    "no handles": lambda: two([], np.zeros((0, 3))),
+    "integers": lambda: two([0.5], np.zeros((1, 3))),
+    r"targets of shape \(2, 3\), not \(2, 2\)": lambda: two(target=np.zeros((2, 2))),
+    r"handle 1 \(vertex 6\) is NaN": lambda: two([5, 6], [[0, 0, 0], [np.nan, 0, 0]]),
+    "`dynamic` of shape": lambda: two(dynamic=[True]),
+    "`dynamic` must be numbers": lambda: two(dynamic=["no", "yes"]),
+    "`dynamic` must be True or False, not 2": lambda: two(dynamic=[0, 2]),
+    "`group` must be whole numbers, not 0.2": lambda: two(group=[0.2, 1.2]),
+    "`group` must be whole numbers, not nan": lambda: two(group=[np.nan, 1]),
+    "vertex 4 has two weights": lambda: two([4, 4], np.zeros((2, 3)), weight=[1, 2]),
+    "vertex 4 has two rotations": lambda: two([4, 4], np.zeros((2, 3)), rotation=TURNS),
+    "vertex 4 has contradictory targets, 1.41 apart": lambda: two([4, 4]),
+    "contradictory targets in groups 0 and 3": lambda: two([4, 4], group=[0, 3]),
+}
+
+test_inconsistent_handles_are_refused = refusals(INCONSISTENT)
 
 
 def test_dynamic_handles_carry_the_snap_offset_turned_by_their_groups_rotation(body):

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from scipy.interpolate import RBFInterpolator
 
-from sshade import DeformationTask, Handles, InputError, Mesh, deform
+from sshade import DeformationTask, Handles, Mesh, deform
 from sshade.interpolation.dense_handles import interpolate_handles
 from sshade.interpolation.splines import fit_splines, interpolate, neighbours
 from sshade.regions.handle_regions import are_dense
+from tests.refusals import refusals
 from tests.shapes import bent, beside, icosphere, rotation
 
 BODY = Mesh(icosphere(4).V * [2.0, 1.0, 0.7], icosphere(4).F)
@@ -94,15 +95,15 @@ def test_a_mesh_that_is_no_manifold_is_interpolated():
     assert off(deform(task(bent, 300, mesh=bowtie), method="interpolate"), bent, bowtie) < 2e-3
 
 
-@pytest.mark.parametrize(
-    ("count", "changes", "options", "words"),
-    [
-        (400, {"weight": 3.0}, {}, "takes hard handles; leave out weights and rotations"),
-        (400, {"rotation": np.broadcast_to(np.eye(3), (400, 3, 3))}, {}, "takes hard handles"),
-        (3, {}, {}, "needs handles at four places; there are 3"),
-        (400, {}, {"volume": 0.0}, "'interpolate' has no use for the option 'volume'"),
-    ],
-)
-def test_other_handles_and_options_are_refused(count, changes, options, words):
-    with pytest.raises(InputError, match=words):
-        deform(task(bent, count, **changes), method="interpolate", **options)
+def interpolated(**changes):
+    return deform(task(bent, **changes), method="interpolate")
+
+
+REFUSED = {
+    "takes hard handles; leave out weights and rotations": lambda: interpolated(weight=3.0),
+    "takes hard handles": lambda: interpolated(rotation=np.broadcast_to(np.eye(3), (400, 3, 3))),
+    "needs handles at four places; there are 3": lambda: deform(task(bent, 3), method="interpolate"),
+    "no use for the option 'volume'": lambda: deform(task(bent), method="interpolate", volume=0.0),
+}
+
+test_other_handles_and_options_are_refused = refusals(REFUSED)

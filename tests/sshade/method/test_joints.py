@@ -93,6 +93,7 @@ def test_searches_in_boxes_find_what_loops_find(mesh):
     opposite = np.einsum("pd,pd->p", inward[first], inward[least]) <= -0.5
     nearest = np.take_along_axis(radius, least[:, None], 1)[:, 0]
     found = radius[np.arange(len(first)), second]
+    assert (len(first) > 0.9 * mesh.n) == V[:, 2].any()  # a flat sheet has no opposite sides
     assert opposite.any() or len(first) == 0 or np.allclose(np.linalg.norm(V, axis=1), 1, atol=0.1)  # a ball
     np.testing.assert_allclose(found[opposite], nearest[opposite], rtol=1e-6)
 
