@@ -206,7 +206,7 @@ def caption_notes(text: str) -> list[str]:
     else:
         half = next((HALVES[word] for note in notes for word in HALVES if note.startswith(word)), "cases")
         chosen = [re.sub("; means over all [^.]*", "", cases.replace("cases", half, 1))]
-        chosen += re.findall(r"Of an older version than today's code: [^.]*\.", text)
+        chosen += re.findall(r"Of an older version than today's code: .*\.", text)
     return chosen + ["No ranks: too few subjects or poses." for note in notes if note.startswith("No ranks")]
 
 

@@ -67,12 +67,16 @@ def version_note(rows: pd.DataFrame) -> str:
     started = begun(rows)
     commits = values_of_lines(started, "env.commit") or "unknown"
     modified = " (with changes)" if True in distinct(rows, "env.modified") else ""
-    versions = of_methods(started).groupby("method.name")["method.version"].max()
+    methods = of_methods(started).groupby("method.name")
+    versions = methods["method.version"].max()
     later = [f"{name} {version}" for name, version in versions.items() if version > 1]
     current = current_versions()
-    old = [name for name, version in versions.items() if version < current.get(name, 0)]
+    # A label may hide which of our methods a row has.
+    ours = dict(methods["method.method"].first()) if "method.method" in rows else {}
+    newest = {name: current.get(name, current.get(str(ours.get(name)), 0)) for name in versions.index}
+    old = [name for name, version in versions.items() if version < newest[name]]
     text = f"Commit: {commits}{modified}. Version of methods: {', '.join(['1', *later])}."
-    return text + (f" Of an older version than today's code: {', '.join(old)}." if old else "")
+    return text + (f" Of an older version than today's code: {shortened(old)}." if old else "")
 
 
 def values_of_lines(rows: pd.DataFrame, column: str) -> str:

@@ -183,3 +183,10 @@ def test_a_case_counts_with_the_mean_over_its_seeds_and_the_spread_is_shown():
     # The mean over the cases is 3 with seed 0 and 6 with seed 1.
     assert table.spread.at["s", "volume"] == pytest.approx(np.std([3.0, 6.0], ddof=1))
     assert np.isnan(table.spread.at["a", "volume"])
+
+
+def test_rows_of_an_older_version_are_named_also_under_a_label():
+    fast = {"method__method": "fast"}
+    rows = [row("mine", **fast), row("fast", **fast), row("new", method__version=99, **fast), row("theirs")]
+    (note,) = [note for note in table_of(*rows).notes if "Of an older version" in note]
+    assert note.endswith("Of an older version than today's code: fast, mine.")
