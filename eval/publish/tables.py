@@ -229,7 +229,7 @@ def published_rows(name: str) -> pd.DataFrame:
     if not (PUBLISHED / "rows").is_dir():
         raise InputError(f"there is no {PUBLISHED / 'rows'} here; publish from the project's own folder")
     path, target = ROWS / f"{name}.csv", PUBLISHED / "rows" / f"{name}.csv"
-    new = read_csv(path)
+    new = newest(read_csv(path))
     loose = new[new["env.modified"].ne(False) | new["env.commit"].isna()]
     if len(loose):
         raise InputError(
@@ -243,9 +243,9 @@ def published_rows(name: str) -> pd.DataFrame:
             f"{path} has rows of methods or programs that are no part of this project, so that the commit "
             "does not hold their code: propose the methods as CONTRIBUTING.md describes"
         )
-    rows = (
-        pd.concat([_not_changed(read_csv(target), new), new], ignore_index=True) if target.is_file() else new
-    )
+    rows = new
+    if target.is_file():
+        rows = pd.concat([_not_changed(newest(read_csv(target)), new), new], ignore_index=True)
     latest = rows.groupby("method.name")["method.version"].transform("max")
     of_latest = (rows["method.version"] == latest) & (rows["measures"] == numbers(rows, "measures").max())
     lost = set(rows[RUN].itertuples(index=False, name=None))
@@ -262,9 +262,10 @@ def published_rows(name: str) -> pd.DataFrame:
 
 def _not_changed(old: pd.DataFrame, new: pd.DataFrame) -> pd.DataFrame:
     """Return the published rows without runs that `new` has with other parameters of the method."""
+    run = [name for name in (*RUN, "task.source") if name in old and name in new]
     again, equal = (
-        pd.MultiIndex.from_frame(old[run]).isin(pd.MultiIndex.from_frame(new[run]))
-        for run in (RUN, [*RUN, "method.hash"])
+        pd.MultiIndex.from_frame(old[names]).isin(pd.MultiIndex.from_frame(new[names]))
+        for names in (run, [*run, "method.hash"])
     )
     return old[~again | equal]
 

@@ -73,12 +73,19 @@ def newest(rows: pd.DataFrame) -> pd.DataFrame:
     join copies of a dataset in different folders. With equal sources, rows of a rebuilt dataset replace
     rows of the earlier build. Rows of an older version of a method give way to rows of the newest.
     """
+    if "task.source" in rows:
+        rows = rows.assign(**{"task.source": rows["task.source"].map(_plain_source)})
     rows = rows.sort_values(["method.version", "measures", "date", "key"], kind="stable")
     for same_task in ("task.checksum", "task.source"):
         run = ["method.name", "method.hash", "task.name", same_task, "seed"]
         run = [name for name in run if name in rows]
         rows = rows.drop_duplicates(run, keep="last")
     return rows.sort_values(run, na_position="first").reset_index(drop=True)
+
+
+def _plain_source(source: object) -> object:
+    """Return a source whose folder has no dots: ``./data`` is ``data``."""
+    return source.replace('"root": "./', '"root": "') if isinstance(source, str) else source
 
 
 def method_names(rows: pd.DataFrame) -> list[str]:

@@ -66,6 +66,9 @@ def test_a_rebuilt_dataset_replaces_the_old_and_copies_of_one_are_one():
     assert records(newest(frame(rebuilt, another, old))) == [another, rebuilt]
     theirs = row(task__source="/elsewhere/t", date="2026-01-02")
     assert records(newest(frame(theirs, old))) == [theirs]
+    plain = row(task__source='{"root": "data/t"}')
+    dotted = row(task__checksum="e", task__source='{"root": "./data/t"}', date="2026-01-02")
+    assert records(newest(frame(plain, dotted))) == [dotted | {"task.source": plain["task.source"]}]
 
 
 def test_a_newer_version_replaces_an_older_one_whatever_its_date():
