@@ -232,8 +232,11 @@ def test_no_amount_of_the_way_writes_the_rest_shape_bit_by_bit(sound, capsys):
     for output, poses in (("out.ply", ["pose.json"]), ("out_%d.ply", ["pose.json", "pose.json"])):
         line = ["deform", "body.ply", *poses, "-o", output, "--amount", "0", "--vertices", "60"]
         assert main(line) == 0 and "no handle moves" not in capsys.readouterr().err
+        assert main([*line, "--volume-goal", "1.1", "-o", output.replace("out", "grown")]) == 0
     for name in ("out.ply", "out_1.ply", "out_2.ply"):
         assert np.array_equal(read_arrays(name)[0], BODY.V)
+        grown = read_mesh(name.replace("out", "grown"))
+        assert grown.volume == pytest.approx(1.1 * BODY.volume, rel=1e-3)
     line = ["deform", "body.ply", "pose.json", "-o", "half.ply", "--amount", "0.5", "--vertices", "60"]
     assert main(line) == 0
     mesh = Mesh(*read_arrays("body.ply"))

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from sshade import Handles, InputError, deform
-from sshade.cli.main import main
+from sshade.cli.main import PROGRAM, main
 from sshade.files.meshes import read_arrays, write_mesh
 from sshade.files.task_files import read_task, write_handles
-from tests.shapes import beside, bumpy, shifted, torn
+from sshade.problem.options import described
+from tests.shapes import bent, beside, bumpy, shifted, torn
 from tests.sshade.edit.sessions import edited
 from tests.sshade.mesh.test_cutting import moebius, t_fin
 
@@ -111,3 +112,25 @@ def test_every_command_welds_and_repairs(here, capsys):
     capsys.readouterr()
     assert main(COMMANDS[3].split()) == 2 and "the --weld and --repair that" in capsys.readouterr().err
     assert main([*COMMANDS[0].split(), "--refuse-unconstrained"]) == 2
+
+
+#: Another value than the default for each option of proxies.
+OTHER = {"vertices": "30", "samplings": "1", "frames": "blended", "seed": "1"}
+
+
+@pytest.mark.parametrize("line", COMMANDS[2:], ids=lambda line: line.split()[0])
+def test_every_option_of_a_command_counts(line, here):
+    """Also an option that is new. The number of threads changes no result."""
+    write_mesh("rest.ply", V, F)
+    assert main(COMMANDS[2].split()) == 0
+    proxy, faces = read_arrays("proxy.ply")
+    write_mesh("proxy.ply", bent(proxy), faces)
+    write_mesh("posed.ply", bent(V), F)
+    words = line.replace("rest.ply rest.ply", "rest.ply posed.ply").split()
+    taken = vars(PROGRAM.parser(words[0]).parse_args(words[1:]))
+    own, place = taken.keys() & described().keys() - {"workers"}, words.index("-o") + 1
+    output, words[place], written = words[place], "other.ply", {}
+    for name in (None, *sorted(own)):
+        assert main([*words, *(() if name is None else (f"--{name}", OTHER[name]))]) == 0
+        written[name] = (here / "other.ply").read_bytes()
+    assert own and [name for name in own if written[name] == written[None]] == [], output

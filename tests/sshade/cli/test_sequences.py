@@ -24,8 +24,9 @@ BODY = bumpy(2)
 ENDS = end_handles(BODY.V, share=0.1)
 STEPS = (0.1, 0.15, 0.2, 0.25)
 FAST = ["--vertices", "60"]
-#: Rotation, scale and translation of the second node of a mesh.
 TURN = Rotation.from_rotvec([0, 0, 0.5]).as_quat().tolist()
+#: What a mesh has beside its primitives, and the rotation, scale and translation of its second node.
+OWN = {"name": "body", "extras": {"author": "me"}}
 PLACE = {"rotation": TURN, "scale": [2, 2, 2], "translation": [9, 0, 0]}
 
 
@@ -80,13 +81,14 @@ def test_numbered_files_hold_the_poses_in_the_order_of_the_numbers_in_their_name
     assert main(["deform", "body.ply", *names, "-o", "out_%03d.ply", *FAST]) == 0
     said = capsys.readouterr().err
     assert "in their names, walk_8.json to walk_11.json" in said
-    assert "out_001.ply to out_004.ply: 4 poses" in said
+    assert "out_001.ply to out_004.ply: 4 poses" in said and "handles on target" in said
     assert sorted(p.name for p in Path().glob("out*")) == [f"out_{n:03}.ply" for n in (1, 2, 3, 4)]
     for V, step in zip(vertices("out_*.ply"), STEPS, strict=True):
         np.testing.assert_allclose(V[ENDS.index], targets(step), atol=1e-12)
     assert main(["deform", "body.ply", "walk_8.json", "-o", "50%.ply", *FAST]) == 0
     assert Path("50%.ply").read_bytes() == Path("out_001.ply").read_bytes()
     assert main(["deform", "body.ply", *names[:3], "-o", "out.glb", *FAST]) == 0
+    assert capsys.readouterr().err.count("handles on target") == 2
     assert read_gltf("out.glb")[0]["meshes"][0]["extras"]["targetNames"] == ["walk_8", "walk_9", "walk_10"]
     given = [Path(f"{folder}/pose.ply") for folder in ("b", "a12", "a3", "a-3", "c1", "c1")]
     assert in_natural_order(given) == [given[i] for i in (0, 2, 1, 3, 4, 5)]
@@ -126,7 +128,7 @@ def test_a_glb_has_a_morph_target_and_a_key_for_each_pose_and_keeps_what_the_mes
     tree = {
         "scenes": [{"nodes": [0, 1]}],
         "nodes": [{"mesh": 0, "name": "body"}, {"mesh": 0, **PLACE}],
-        "meshes": [{"primitives": [{"attributes": attributes, "indices": 3, "material": 0}]}],
+        "meshes": [{"primitives": [{"attributes": attributes, "indices": 3, "material": 0}], **OWN}],
         "materials": [{"name": "skin"}],
     }
     normals = BODY.V / np.linalg.norm(BODY.V, axis=1, keepdims=True)
@@ -145,6 +147,8 @@ def test_a_glb_has_a_morph_target_and_a_key_for_each_pose_and_keeps_what_the_mes
     sampler = tree["animations"][0]["samplers"][0]
     np.testing.assert_allclose(numbers[sampler["input"]][:, 0], [0, 0.1], atol=1e-7)
     assert tree["materials"] == [{"name": "skin"}] and len(tree["meshes"]) == 2
+    for mesh in tree["meshes"]:
+        assert mesh["name"] == OWN["name"] and mesh["extras"].items() >= OWN["extras"].items()
     assert all("TEXCOORD_0" in m["primitives"][0]["attributes"] for m in tree["meshes"])
     for mesh in (0, 1):
         for name in ("POSITION", "NORMAL"):

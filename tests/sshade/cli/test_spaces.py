@@ -80,6 +80,19 @@ def test_the_side_that_the_landmarks_mean_moves(here, suffix, space, capsys):
         assert ("has landmarks in RAS, and out" in capsys.readouterr().err) == (space == "RAS")
 
 
+@pytest.mark.parametrize("declares", ["rest", "target"])
+def test_landmarks_without_a_declaration_are_in_the_system_of_the_mesh(here, declares):
+    mesh, files = write("LPS", ".ply"), {"rest": V[CHOSEN], "target": MOVED}
+    for name, points in files.items():
+        if name == declares:
+            files[name] = markups(points * MIRROR, "RAS", f"{name}.mrk.json")
+        else:
+            files[name] = f"{name}.csv"
+            Path(files[name]).write_text("".join(f"p{k},{x},{y},{z}\n" for k, (x, y, z) in enumerate(points)))
+    assert main(["deform", str(mesh), *files.values(), "-o", "out.ply", "--vertices", "80"]) == 0
+    np.testing.assert_allclose(sshade.read("out.ply").V[CHOSEN], MOVED, atol=1e-6)
+
+
 def test_clothes_in_the_other_system_are_on_the_body(here):
     body = write("LPS", ".ply")
     Path("shirt.obj").write_bytes(lines(["# SPACE=RAS"]) + obj(1.001 * V * MIRROR, F))
