@@ -8,7 +8,7 @@ from sshade import InputError
 from sshade.edit.groups import Motion
 from sshade.mesh.adjacency import vertex_graph
 from tests.shapes import beside, shifted
-from tests.sshade.edit.sessions import BODY, HIGH, LIFT, added, begun, settled
+from tests.sshade.edit.sessions import BODY, HIGH, LIFT, LOW, added, begun, settled
 
 pytestmark = pytest.mark.usefixtures("here")
 
@@ -33,7 +33,8 @@ def test_ways_to_pick_are_those_of_sets():
 
 def test_a_limited_group_moves_nothing_beyond_the_distance():
     session = begun()
-    number = added(session, HIGH, "moved")
+    number, other = added(session, HIGH, "moved"), added(session, LOW, "moved")
+    before = session.state.group(other)
     with pytest.raises(InputError, match="above 0"):
         session.limit(number, 0.0)
     with pytest.raises(InputError, match="no free vertex is farther than 50"):
@@ -43,7 +44,8 @@ def test_a_limited_group_moves_nothing_beyond_the_distance():
     own = session.state.group(number).vertices
     along_edges = dijkstra(vertex_graph(BODY).matrix, indices=own, min_only=True)
     near = np.flatnonzero(along_edges <= 1.0)
-    assert made.kind == "fixed" and sorted([*made.vertices, *near]) == list(range(BODY.n))
+    assert made.kind == "fixed" and sorted([*made.vertices, *near, *LOW]) == list(range(BODY.n))
+    assert session.state.group(other) is before  # other groups keep their vertices
     settled(session, number, Motion(np.eye(3), np.array([0, 0, 0.2])))
     moved = np.linalg.norm(session.shown - BODY.V, axis=1)
     assert moved[made.vertices].max() == 0 and np.allclose(moved[own], 0.2)

@@ -1,12 +1,13 @@
 """A session without a browser: groups are dragged, and steps are undone."""
 
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
 from sshade import Deformer
-from sshade.edit import dragging, state
+from sshade.edit import dragging, state, workspace
 from sshade.edit.groups import Motion
 from sshade.edit.workspace import Superseded
 from sshade.method.bound import Bound
@@ -67,15 +68,18 @@ def test_undo_and_redo_bring_back_what_was_and_its_shape():
     assert not session.history.can_redo
 
 
-def test_a_drag_goes_on_from_where_the_group_was_released_and_from_where_undo_brought_it():
+@pytest.mark.parametrize("back", ["undo", "restore"])
+def test_a_drag_goes_on_from_where_the_group_was_released_and_from_where_it_was_brought_back(back):
     session, number = ready()
     _, free = ends(BODY.V)
     session.release(number, LIFT)
     settled(session, number, LIFT)
     assert np.allclose(session.shown[free], BODY.V[free] + 2 * LIFT.t)
     session.drag(number, turned(BODY.V, 2.0))
-    session.undo()
-    session.undo()
+    for _ in range(2 if back == "undo" else 0):
+        session.undo()
+    if back == "restore":
+        session.restore(number)
     other, same = ready()
     assert np.array_equal(session.drag(number, LIFT), other.drag(same, LIFT))
 
@@ -157,6 +161,10 @@ def test_another_name_leaves_the_shape_and_another_weight_does_not():
     session.settle()
     gap = np.linalg.norm(session.shown - shape, axis=1)[session.state.group(number).vertices]
     assert gap.min() > 1e-3 * BODY.diagonal  # a soft group gives way
+    for _ in range(20):  # also in a drag
+        dragged = session.drag(number, Motion(np.eye(3), np.zeros(3)))
+    own = session.state.group(number)
+    assert np.abs(dragged[own.vertices] - own.target).max() > 0.3 * gap.mean()
     session.undo()
     assert session.shown is shape and session.state.group(number).name == "tip"
 
@@ -196,6 +204,22 @@ def test_a_mesh_that_is_no_manifold_follows_at_once():
     settled(session, number, LIFT)
     assert np.abs(session.shown - shown).max() < 0.05 * mesh.diagonal
     assert np.count_nonzero(np.abs(shown - mesh.V).max(axis=1) > 1e-6) > 2 * len(own)
+
+
+def test_the_mesh_is_bound_once_while_the_vertices_of_the_handles_stay(monkeypatch):
+    monkeypatch.setattr("sshade.edit.session.Thread", lambda **_: SimpleNamespace(start=lambda: None))
+    session, number = ready()
+    session.drag(number, LIFT)
+    bound = Mock()
+    for name in ("bound_for_drag", "bound_again"):
+        monkeypatch.setattr(workspace, name, bound)
+    for _ in range(2):
+        session.release(number, LIFT)
+        session.drag(number, LIFT)
+        session.restore(number)
+        session.alter(number, name="tip")
+    session.drag(number, LIFT)
+    assert bound.call_count == 0
 
 
 def test_large_meshes_take_other_handles_without_being_bound_anew(monkeypatch):
