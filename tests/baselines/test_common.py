@@ -1,6 +1,7 @@
 """Promises of several baselines: rigid motions, collapsed faces, components, soft handles, wrong options."""
 
 from functools import partial
+from inspect import signature
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from baselines.deformation_fields import deformation_field
 from baselines.deformation_graph.deformation_graph import deformation_graph
 from baselines.identity import identity
 from baselines.implicit_arap import implicit_arap
+from baselines.rbf import rbf
 from baselines.smooth_arap import smooth_arap
 from baselines.volumetric.lattice_arap import lattice_arap
 from baselines.volumetric.neo_hookean import neo_hookean
@@ -52,6 +54,11 @@ WRONG = [
     (smooth_arap, {"start": "guess"}, "start"),
     (bounded_biharmonic_weights, {"qp_iterations": 0}, "active set"),
 ]
+#: Another value than the default for each parameter of these methods.
+OTHER = {"energy": "spokes", "tolerance": 1e-2, "max_iterations": 2, "start": "rigid", "alpha": 0.2}
+OTHER |= {"clamp": False, "accelerate": True, "nodes": 30, "blended": 2, "order": 2, "smoothness": 0.5}
+OTHER |= {"cells": 10, "filled": False, "handle_weight": 1.0, "neighbours": 9, "kernel": "cubic"}
+OPTED = [libigl_arap, arap_sr, deformation_graph, deformation_field, smooth_arap, lattice_arap, rbf]
 
 
 def called(method, task, **options):
@@ -70,6 +77,16 @@ def test_a_rigid_start_of_rigidly_moved_handles_is_the_answer(method, options, c
     result = called(method, task, start="rigid", **options)
     assert np.abs(result.vertices - expected).max() < close * mesh.diagonal
     assert result.iterations == 1 and result.converged is not False
+
+
+@pytest.mark.parametrize("method", OPTED)
+def test_every_parameter_counts(method):
+    """Also one that is new."""
+    task, names = held_ends(bumpy(2)), signature(method).parameters.keys() - {"task", "seed", "progress"}
+    fixed = {"cells": 16} if "cells" in names else {}
+    plain = method(task, **fixed).vertices
+    same = [n for n in names if np.array_equal(plain, method(task, **fixed | {n: OTHER[n]}).vertices)]
+    assert same == []
 
 
 @pytest.mark.parametrize(("method", "options", "message"), WRONG)

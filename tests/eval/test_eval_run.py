@@ -1,5 +1,6 @@
 """One run, one row: clock, statuses, keys, the store."""
 
+import os
 import shutil
 import subprocess
 import sys
@@ -18,6 +19,7 @@ from eval.rows.collect import collect
 from eval.rows.frame import read_csv, records, write_csv
 from eval.rows.store import read_row, run_folders
 from eval.run import config, environment
+from eval.run.attempt import TIME_LIMIT, attempt_task
 from sshade import DeformationResult, DeformationTask, Handles, InputError, Mesh, TransferTask
 from sshade.core.progress import silent
 from tests.shapes import bumpy
@@ -124,6 +126,14 @@ def test_a_method_without_a_usable_result_leaves_a_failed_row(task, tmp_path, mo
     assert not (done.folder / "vertices.npy").exists()
     write_csv(tmp_path / "rows.csv", collect(tmp_path))
     assert records(read_csv(tmp_path / "rows.csv"))[0]["reason"] == done.row["reason"]
+
+
+@pytest.mark.parametrize("name", ["stretching", "failing"])
+def test_the_time_limit_of_a_run_is_not_that_of_the_next(task, monkeypatch, name):
+    told, method = [], {"_target_": f"eval_cases.{name}", "warm_up": None}
+    monkeypatch.setattr(attempt_module, "_cpu_seconds", lambda: told.append(os.environ[TIME_LIMIT]) or 0.0)
+    attempt_task(method, DeformationTask, lambda: task, seed=0, time_limit=9.0, progress=silent)
+    assert set(told) == {"9.0"} and TIME_LIMIT not in os.environ
 
 
 def test_a_thread_of_a_method_that_writes_into_its_result_changes_no_measure(task, tmp_path, monkeypatch):

@@ -55,9 +55,12 @@ def test_flips_face_by_face():
     assert measure(task(Mesh(moved, mesh.F)), moved)["flips"] == 0
 
 
-def test_what_is_measured_of_a_mesh_goes_with_the_mesh():
+def test_what_is_measured_of_a_mesh_is_shared_and_goes_with_the_mesh():
     mesh = bumpy(1)
     assert measure(task(mesh), mesh.V)["edge"] == 0
+    one, other = (Deformed(task(mesh), factor * mesh.V) for factor in (1, 2))
+    assert one.rest is other.rest  # it is measured once
+    del one, other
     gone = weakref.ref(mesh)
     del mesh
     gc.collect()

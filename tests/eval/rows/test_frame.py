@@ -116,9 +116,11 @@ def test_a_damaged_row_is_left_out_with_a_note(here, capfd):
 
 
 def test_cases_of_an_experiment():
-    one = [row("arap"), row("arap", seed=1), row("paper"), lost("paper", "t2"), row("b", "t2")]
+    one = [row("arap", seed=1), row("arap"), row("paper"), lost("paper", "t2"), row("b", "t2")]
     low = row("arap", task__checksum="low", task__vertices=100)
     cases = Experiment("tiny", frame(*one, low), Path()).cases()
+    cases = list(cases)
+    assert {r["seed"] for case in cases for r in case} == {0}  # the first one
     told = [[(r["task.name"], r["task.vertices"], r["method.name"]) for r in case] for case in cases]
     assert told == [[("t1", 100, "arap")], [("t1", 1000, "arap"), ("t1", 1000, "paper")], [("t2", 1000, "b")]]
 
