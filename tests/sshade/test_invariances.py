@@ -18,9 +18,9 @@ from tests.shapes import bumpy, double_torus, rotation, strip, torus, tube
 
 #: Largest difference of results over the bounding-box diagonal: rounding, amplified by the iterations. The
 #: polish keeps its directions in single precision.
-ROUNDING = {"paper": 1e-9, "fast": 1e-9, "fine": 6e-8}
+ROUNDING = {"paper": 1e-9, "fast": 1e-9, "fine": 6e-8, "interpolate": 1e-9}
 #: The same for a scale by a power of two.
-SCALED = {"paper": 0.0, "fast": 1e-12, "fine": 1e-12}
+SCALED = {"paper": 0.0, "fast": 1e-12, "fine": 1e-12, "interpolate": 1e-12}
 
 SHAPES = [bumpy(2), tube(10, 20), torus(16, 8), strip(20, 5), double_torus(cells=2)]
 FIXED = partial(local_global, tolerance=0.0, max_iterations=20, start="rigid")
@@ -29,8 +29,11 @@ METHODS = {
     "paper": partial(deform, method="paper", vertices=50, samplings=2, proxy_method=FIXED),
     "fast": partial(deform, method="fast", **FEW),
     "fine": partial(deform, method="fine", **FEW, polish_iterations=5),
+    "interpolate": lambda task, *, seed: deform(task, method="interpolate"),
 }
 
+#: Frames and grids follow the axes.
+AXES = [("paper", "any turn"), ("interpolate", "any turn"), ("interpolate", "turns by quarters")]
 #: Examples of each property: 4, or 100 with --hypothesis-profile=thorough.
 EXAMPLES = settings().max_examples // 6
 NUMBERS = st.integers(0, 10**6)
@@ -78,9 +81,7 @@ def assert_same(found: np.ndarray, expected: np.ndarray, task: DeformationTask, 
 
 @pytest.mark.parametrize(
     ("name", "kind"),
-    [
-        (m, k) for m in METHODS for k in SIMILARITIES if (m, k) != ("paper", "any turn")
-    ],  # frames follow an axis
+    [(m, k) for m in METHODS for k in SIMILARITIES if (m, k) not in AXES],
 )
 @settings(max_examples=EXAMPLES)
 @given(number=NUMBERS, seed=NUMBERS)

@@ -1,9 +1,12 @@
 """Meshes: areas, normals, rigid motions, gaps between components, and components without handles."""
 
+from unittest.mock import Mock
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy import spatial
 from scipy.spatial.transform import Rotation
 
 from sshade import DeformationTask, Handles, Mesh, deform
@@ -175,20 +178,26 @@ def test_kabsch_of_points_on_a_line_is_the_smallest_rotation():
     assert proper(turned) and np.allclose(turned @ [0, 0.6, 0.8], [0, -0.6, -0.8], atol=1e-13)
 
 
-def test_points_with_a_common_motion():
-    P, R, t = icosphere(1).V, rotation(2), np.array([3.0, -1, 20])
+#: Units of length.
+UNITS = [1e-9, 1.0, 1e9]
+
+
+@pytest.mark.parametrize("unit", UNITS)
+def test_points_with_a_common_motion(unit):
+    P, R, t = unit * icosphere(1).V, rotation(2), unit * np.array([3.0, -1, 20])
     for Q in (P + t, P @ R.T + t, P.astype(np.float32) @ R.T.astype(np.float32) + t):
         found, shift = common_motion(P, Q)
-        assert np.abs(P @ found.T + shift - Q).max() < 1e-6
+        assert np.abs(P @ found.T + shift - Q).max() < 1e-6 * unit
     found, shift = common_motion(P[:1], P[:1] + t)
-    assert np.array_equal(found, np.eye(3)) and np.allclose(shift, t)
-    line = np.outer(np.arange(5.0), [1, 2, 3])
+    assert np.array_equal(found, np.eye(3)) and np.allclose(shift, t, atol=0)
+    line = unit * np.outer(np.arange(5.0), [1, 2, 3])
     assert np.array_equal(common_motion(line, line + t)[0], np.eye(3))
 
 
-def test_points_without_one_or_with_several():
-    P, R = icosphere(1).V, rotation(2)
-    bent, mirrored, line = P.copy(), P * [1, 1, -1], np.outer(np.arange(5.0), [1, 2, 3])
+@pytest.mark.parametrize("unit", UNITS)
+def test_points_without_one_or_with_several(unit):
+    P, R = unit * icosphere(1).V, rotation(2)
+    bent, mirrored, line = P.copy(), P * [1, 1, -1], unit * np.outer(np.arange(5.0), [1, 2, 3])
     bent[0] *= 1 + 1e-5
     narrow = P * [1, 0.01, 0.01]
     for source, target in ((P, bent), (P, mirrored), (line, line @ R.T), (narrow, narrow @ R.T)):
@@ -259,10 +268,13 @@ def test_a_component_follows_the_one_that_it_is_next_to(places, moves):
     np.testing.assert_allclose((shape - mesh.V)[:, ::2], 0, atol=1e-12)
 
 
-def test_beads_follow_the_surface_and_not_each_other():
+def test_beads_follow_the_surface_and_not_each_other(monkeypatch):
+    trees = Mock(wraps=spatial.cKDTree)
+    monkeypatch.setattr(spatial, "cKDTree", trees)
     order = np.argsort(BODY.V[:, 2])[::10]
     beads = [shifted(Mesh(0.04 * BODY.V, BODY.F), place) for place in 1.02 * BODY.V[order]]
     mesh = beside(BODY, *beads)
     led = leaders(mesh, np.arange(1, len(beads) + 1))
     assert sorted(mesh.component[moved[0]] for moved, _ in led) == list(range(1, len(beads) + 1))
     assert {mesh.component[near[0]] for _, near in led} == {0}
+    assert trees.call_count <= 3  # not one for each bead

@@ -74,5 +74,6 @@ def test_stages_are_reported_in_order_each_to_its_end(task, most):
 
     result = fine(task, vertices=600, polish_iterations=most, progress=progress)
     assert (result.iterations == 0 and result.converged is None) == (most == 0)
+    assert result.facts.proxy_iterations > 0  # of the proxy, not of the polish
     assert list(stages) == ["proxy", "polish", "regions"]
     assert all(done == total for done, total in stages.values())
