@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 from PIL import Image, ImageDraw
+from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial.transform import Rotation
 
 from defaust.sources.animals import Animals
@@ -60,9 +61,7 @@ def place(path: list, time: float) -> np.ndarray:
     after = time - times[-1]
     if after > 0:
         return values[-1] * np.exp(-DECAY * after) * np.cos(2 * np.pi * SWING * after)
-    k = int(np.clip(np.searchsorted(times, time), 1, len(times) - 1))
-    part = np.clip((time - times[k - 1]) / (times[k] - times[k - 1]), 0, 1)
-    return values[k - 1] + (values[k] - values[k - 1]) * part * part * (3 - 2 * part)
+    return CubicHermiteSpline(times, values, np.zeros_like(values))(max(time, times[0]))
 
 
 def frames() -> list[Image.Image]:
