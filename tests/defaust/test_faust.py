@@ -152,8 +152,6 @@ def test_a_build_that_is_not_strict_takes_a_doubtful_registration(copy, tmp_path
 def test_one_pose_under_two_names_is_refused(copy, tmp_path, refused, strict, of, it):
     shutil.copy(copy / f"tr_reg_00{of}.ply", copy / "tr_reg_006.ply")
     command = ["source=faust", "target_vertices=null", f"source.root='{copy}'", f"out='{tmp_path / 'out'}'"]
-    message = (
-        f"subject 0: {it}{' pose' * (of == 0)} and 6_arms_forward have equal vertices, so they are one pose"
-    )
+    message = f"subject 0: {it}{' pose' * (of == 0)} and 6_arms_forward have equal vertices, so they are one"
     refused([*command, "subjects=[0]", f"strict={strict}"], message)
     assert not (tmp_path / "out").exists()

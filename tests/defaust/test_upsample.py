@@ -1,17 +1,20 @@
-"""Subdivision and remeshing: counts, topology, shape, and refused meshes."""
+"""Subdivision and remeshing: counts, topology, shape, Loop's rules, and refused meshes."""
 
 import os
 import subprocess
 import sys
 from pathlib import Path
 
+import igl
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from defaust.build.options import BuildOptions
 from defaust.build.upsample import subdivide, upsample
+from defaust.tasks.loop import loop_matrix, split
 from sshade import InputError, Mesh
-from tests.shapes import beside, bumpy, icosphere, shifted, torus
+from tests.shapes import beside, bumpy, double_torus, icosphere, shifted, tetrahedron, torus
 
 
 @pytest.fixture(scope="module")
@@ -65,3 +68,26 @@ def test_a_library_of_the_system_that_is_missing_is_named(monkeypatch, tmp_path)
     monkeypatch.delitem(sys.modules, "pymeshlab", raising=False)
     with pytest.raises(InputError, match="pymeshlab, which refines meshes, cannot be loaded .* libgl1"):
         subdivide(torus(), steps=1)
+
+
+MESHES = {
+    "tetrahedron": tetrahedron(),  # valence 3 everywhere
+    "icosphere": icosphere(1),  # valences 5 and 6
+    "double torus": double_torus(cells=1),  # valences up to 8
+}
+
+
+@pytest.mark.parametrize("name", MESHES)
+@pytest.mark.parametrize("method", ["pymeshlab", "split"])
+def test_positions_are_those_of_libigl(name, method):
+    mesh = MESHES[name]
+    fine = subdivide(mesh, steps=2) if method == "pymeshlab" else split(split(mesh))
+    L = loop_matrix(mesh, fine, steps=2)
+    V, F = igl.loop(np.array(mesh.V), np.array(mesh.F), 2)
+    np.testing.assert_allclose(L.sum(axis=1), 1)
+    assert L.data.min() > 0
+    distance, place = cKDTree(V).query(L @ mesh.V)
+    assert distance.max() < 1e-12
+    assert len(np.unique(place)) == len(V) == fine.n
+    # The same triangles: each vertex is where libigl has it, not only some vertex.
+    assert {tuple(sorted(f)) for f in place[fine.F].tolist()} == {tuple(sorted(f)) for f in F.tolist()}

@@ -121,9 +121,7 @@ def test_what_takes_long_is_timed_on_demand(golden, paces):
         (ArithmeticError("no"), 1, "arap          failed: ArithmeticError: no"),
     ],
 )
-def test_a_method_without_a_result_is_left_out_or_fails_and_keeps_its_values(
-    golden, capsys, monkeypatch, error, code, line
-):
+def test_a_method_without_a_result_keeps_its_values(golden, capsys, monkeypatch, error, code, line):
     def method(task, *, seed, progress=None, **options):
         raise error
 

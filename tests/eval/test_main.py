@@ -12,8 +12,9 @@ def test_help_names_every_command(capsys):
     assert {line.split()[0] for line in text if line.startswith("  ")} >= set(COMMANDS)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"), [(["tbles"], "did you"), (["tables", "--nonsense"], "--help")]
-)
+WRONG = [(["tbles"], "did you"), (["tables", "--nonsense"], "--help")]
+
+
+@pytest.mark.parametrize(("arguments", "words"), WRONG)
 def test_no_such_command_or_option(arguments, words, here):
     assert_refused("sshade-eval", arguments, words, "tables")

@@ -16,9 +16,8 @@ def machine(monkeypatch):
 
     def set_load(*load: float) -> None:
         told = list(load)
-        monkeypatch.setattr(
-            eval.bench.turns, "used_by_others", lambda *_: told.pop(0) if len(told) > 1 else told[0]
-        )
+        shares = lambda *_: told.pop(0) if len(told) > 1 else told[0]  # noqa: E731
+        monkeypatch.setattr(eval.bench.turns, "used_by_others", shares)
 
     set_load(0.0)
     monkeypatch.setattr(eval.bench.turns, "SHORTEST", 1e-3)

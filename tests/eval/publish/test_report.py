@@ -81,9 +81,8 @@ def test_the_headline_names_the_nearest_method_unless_the_cases_cannot_tell(page
 
 def test_every_case_has_pictures(page):
     for name in ("rest", "arap", "learned", "stretching"):  # plain in both cases, and results in colours
-        assert len(page.images[name]) == (2 if name == "rest" else 4) and page.images[name][0].startswith(
-            "data:image/webp"
-        )
+        images = page.images[name]
+        assert len(images) == (2 if name == "rest" else 4) and images[0].startswith("data:image/webp")
     assert "failing" not in page.images
     assert "time against the distance to the true pose" not in page.images  # there is no true pose
 
