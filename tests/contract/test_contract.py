@@ -1,15 +1,19 @@
-"""Promises that every method keeps in conf/method and its folders peer and transfer, whoever wrote it."""
+"""Promises of the methods of conf/method and its folders, whoever wrote them: motions, seeds, and regions."""
 
+from functools import cache
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from baselines.accelerated import local_global
+from eval.metrics.deformation import edge
+from eval.metrics.deformed import Deformed
 from sshade import DeformationTask, Handles, Mesh, TransferTask
 from tests.eval.eval_cases import bumpy_task
 from tests.methods import LEARNED, configured, methods
-from tests.shapes import bumpy
+from tests.shapes import block, bumpy, jittered, moved_parts
 
 METHODS = methods("", "peer", "transfer")
 
@@ -26,12 +30,8 @@ CLOSE_LEARNED = 2e-2
 #: SShaDe's frames follow a coordinate of the mesh. With this coarse proxy, four random turns change its
 #: result by 0.7e-3 to 1.5e-3. The samples and features of a learned method lie along the axes. After its few
 #: steps, turns change its result by 3e-2 to 4e-2.
-AXIS_DEPENDENT = {
-    "paper": 3e-3,
-    "paper_plain": 3e-3,
-    "peer/lattice_arap": 1e-2,
-    **dict.fromkeys(LEARNED, 6e-2),
-}
+AXIS_DEPENDENT = {"paper": 3e-3, "paper_plain": 3e-3, "peer/lattice_arap": 1e-2}
+AXIS_DEPENDENT |= dict.fromkeys(LEARNED, 6e-2)
 
 #: Maximum errors of methods on tetrahedra. fTetWild fills a turned mesh with other tetrahedra; even a second
 #: run on the same mesh would give other tetrahedra. The values are three times the errors that were measured
@@ -143,3 +143,74 @@ def test_scaling_everything_together_scales_the_result(method):
     scaled = moved(method.task, np.eye(3), np.zeros(3), 64.0)
     gap = np.abs(method.call(scaled, seed=3).vertices - 64 * method.result.vertices).max()
     assert gap <= close(method) * scaled.mesh.diagonal
+
+
+DEFORMING = [name for name in methods("", "peer") if name != "identity"]
+
+#: Methods whose handles are soft by default: maximum mean distance of handles from their targets, as a
+#: fraction of the diagonal.
+SOFT = {"peer/slim": 1e-2, "peer/neo_hookean": 2e-2}
+NEAR = 5e-2
+#: Linear fields move with their handles but do not turn with them: faces between two regions may flip.
+LINEAR = {"peer/harmonic", "peer/biharmonic", "peer/rbf"}
+#: Maximum edge change, as a multiple of ARAP's edge change. A method with a coarse proxy changes edges more
+#: beside a region that moves.
+MORE = 3.0
+
+
+def turned(degrees: float, *, shift=(0.0, 0.0, 0.0), centre=(0.0, 0.0, 0.0)):
+    """Return a map that turns positions about the axis along z through `centre` and then shifts them."""
+    turn = Rotation.from_euler("z", degrees, degrees=True)
+    return lambda V: turn.apply(V - centre) + centre + shift
+
+
+def cases() -> dict[str, tuple[Mesh, list[tuple]]]:
+    """Return meshes, each with the parts that are fixed or moved."""
+    body, bar = bumpy(4), jittered(block(np.ones((1, 1, 6)), cells=8), 0.01)
+    z = body.V[:, 2]
+    low, high = np.quantile(z, [1 / 3, 0.95])
+    ring = (bar.V[:, 2] > 3.0) & (bar.V[:, 2] < 3.5)
+    return {
+        "a third held": (body, [(z < low, 0), (z > high, turned(20, shift=(0.2, 0.1, 0.2)))]),
+        "ring": (bar, [(bar.V[:, 2] < 1, 0), (ring, turned(40, centre=(0.5, 0.5, 0)))]),
+        "nothing free": (body, [(slice(None), lambda V: turned(30)(V * [1.0, 1.1, 1.2]))]),
+    }
+
+
+HANDLES = {name: (mesh, moved_parts(mesh.V, *parts, group=None)) for name, (mesh, parts) in cases().items()}
+CASES = {name: DeformationTask(name, *given) for name, given in HANDLES.items()}
+
+
+@pytest.fixture(scope="module", params=DEFORMING)
+def deforming(request):
+    call = configured(request.param, "proxy.vertices=600", "solver.max_iterations=150")
+    return SimpleNamespace(name=request.param, call=call)
+
+
+@cache
+def arap(name: str) -> Deformed:
+    case = CASES[name]
+    return Deformed(case, local_global(case, energy="spokes", start="rigid").vertices)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_regions_are_taken(deforming, name):
+    case = CASES[name]
+    try:
+        V = deforming.call(case, seed=1).vertices
+    except ImportError as error:
+        pytest.skip(str(error))
+    assert V.shape == case.mesh.V.shape and np.isfinite(V).all()
+    gap = np.linalg.norm(V[case.handles.index] - case.handles.target, axis=1) / case.mesh.diagonal
+    if deforming.name in LEARNED:
+        assert np.median(gap) < NEAR
+        return
+    if deforming.name in SOFT:
+        assert gap.mean() < SOFT[deforming.name]
+        return
+    assert gap.max() <= 1e-12
+    if deforming.name in LINEAR:
+        return
+    deformed, reference = Deformed(case, V), arap(name)
+    assert not (deformed.flipped & ~reference.flipped).any()
+    assert edge(deformed) <= MORE * edge(reference) + 1e-9
