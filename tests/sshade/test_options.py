@@ -103,6 +103,5 @@ def test_a_row_has_the_plain_values_of_what_the_method_takes():
 
 
 def test_the_typed_keywords_are_the_options():
-    assert set(module.OptionValues.__annotations__) == {
-        name for name in described() if described()[name].methods
-    }
+    named = {name for name, option in described().items() if option.methods}
+    assert set(module.OptionValues.__annotations__) == named

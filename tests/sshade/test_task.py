@@ -117,9 +117,8 @@ def test_handles_far_from_the_mesh_are_refused_with_the_likely_cause(body, chang
 def test_handles_snap_within_a_few_per_cent_of_the_diagonal(body):
     lowest = body.V[[np.argmin(body.V[:, 2])]]
     near, far = (lowest - [0, 0, fraction * body.diagonal] for fraction in (0.049, 0.051))
-    assert Handles.from_positions(body, near, near).snapping.distance == pytest.approx(
-        [0.049 * body.diagonal]
-    )
+    found = Handles.from_positions(body, near, near)
+    assert found.snapping.distance == pytest.approx([0.049 * body.diagonal])
     with pytest.raises(InputError, match="farther than 0.05 times it"):
         Handles.from_positions(body, far, far)
     # On a coarse mesh a point of a face may be farther from its corners.

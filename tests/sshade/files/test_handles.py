@@ -35,10 +35,8 @@ def test_handles_by_position_are_snapped_as_positions_are(here, body):
         {"kind": "dynamic", "source": hand.tolist(), "target": moved.tolist(), "weight": 3},
     ]
     handles = placed(body, *entries)
-    parts = [
-        Handles.from_positions(body, foot, foot, dynamic=False),
-        Handles.from_positions(body, hand, moved),
-    ]
+    still = Handles.from_positions(body, foot, foot, dynamic=False)
+    parts = [still, Handles.from_positions(body, hand, moved)]
     for name in ("index", "target", "dynamic"):
         expected = np.concatenate([getattr(part, name) for part in parts])
         assert np.array_equal(getattr(handles, name), expected)

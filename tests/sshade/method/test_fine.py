@@ -1,15 +1,32 @@
+"""What paper, fast and fine promise: samplings, goals for the volume, proxies, and the polish."""
+
+import tracemalloc
 import weakref
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
+import sshade
 from baselines.accelerated import local_global
-from sshade import DeformationTask, Handles, Mesh
+from baselines.deformation_graph.deformation_graph import deformation_graph
+from sshade import (
+    DeformationResult,
+    DeformationTask,
+    Deformer,
+    Handles,
+    InputError,
+    Mesh,
+    bind,
+    transfer_pose,
+)
+from sshade.core.progress import silent
 from sshade.method import polish
 from sshade.problem.options import PRESETS, SOLVER
+from sshade.proxy.bind import proxy_vertices, shared_vertices
 from sshade.regions.handle_regions import edge_vertices
-from tests.shapes import bumpy, end_handles
-from tests.sshade.method.calls import fast, fine
+from tests.shapes import bent, beside, bumpy, end_handles, moved_parts, shifted, tube
+from tests.sshade.method.calls import fast, fine, paper
 
 POLISH = {name: getattr(PRESETS["fine"], name) for name in SOLVER}
 
@@ -77,3 +94,203 @@ def test_stages_are_reported_in_order_each_to_its_end(task, most):
     assert result.facts.proxy_iterations > 0  # of the proxy, not of the polish
     assert list(stages) == ["proxy", "polish", "regions"]
     assert all(done == total for done, total in stages.values())
+
+
+def ends(mesh: Mesh) -> DeformationTask:
+    """Twelve vertices at each end along the longest axis as handles, one end turned and shifted."""
+    x = mesh.V[:, np.argmax(np.ptp(mesh.V, axis=0))]
+    ends = x < x.min() + 0.08 * np.ptp(x), x > x.max() - 0.08 * np.ptp(x)
+    low, high = (np.flatnonzero(end)[:12] for end in ends)
+    turn, centre = Rotation.from_euler("z", -32, degrees=True), mesh.V[high].mean(axis=0)
+    turned = high, lambda V: turn.apply(V - centre) + centre + 0.1 * mesh.diagonal
+    own = moved_parts(mesh.V, (low, 0), turned, dynamic=np.repeat([False, True], 12))
+    return DeformationTask("ends", mesh, own)
+
+
+def bending(task, *, seed, progress=silent) -> DeformationResult:
+    """A coarse method without a solver."""
+    V = bent(task.mesh.V, 0.1)
+    V[task.handles.index] = task.handles.target
+    return DeformationResult(V, iterations=3, converged=None)
+
+
+@pytest.fixture(scope="module")
+def body_task() -> DeformationTask:
+    return ends(bumpy(3))
+
+
+@pytest.mark.parametrize("frames", ["triangle", "blended"])
+def test_the_result_is_the_mean_of_the_single_samplings(body_task, frames):
+    single = []
+    for i in range(3):
+        binding = bind(body_task.mesh, 70, first=body_task.handles.index, seed=(9, i), frames=frames)
+        own = body_task.handles
+        handles = Handles(np.arange(len(own)), own.target, dynamic=own.dynamic, group=own.group)
+        solved = local_global(DeformationTask("one", binding.proxy, handles), start="rigid")
+        V, _ = binding.carry(solved.vertices, rotations=solved.extra["rotations"])
+        single.append((V, solved, binding))
+    result = paper(body_task, vertices=70, samplings=3, frames=frames, seed=9)
+    first, second, third = (V for V, _, _ in single)
+    assert np.array_equal(result.vertices, ((first + second) + third) / 3)
+    assert np.abs(first - second).max() > 1e-3
+    assert result.iterations == np.mean([solved.iterations for _, solved, _ in single])
+    assert result.converged == all(solved.converged for _, solved, _ in single)
+    assert result.facts.samplings == 3
+    assert result.facts.proxy_vertices == np.mean([b.proxy.n for _, _, b in single])
+    assert result.facts.added_samples == sum(b.sampling.added for _, _, b in single)
+    assert result.facts.residual == max(solved.extra["residual"] for _, solved, _ in single)
+    assert result.facts.energy == np.mean([solved.extra["energy"] for _, solved, _ in single])
+    assert set(result.seconds) == {"remesh", "bind", "solve", "carry"}
+
+
+def test_convergence_is_unknown_if_one_sampling_does_not_say(body_task):
+    def unsure(task, *, seed, progress=silent):
+        return DeformationResult(task.mesh.V, iterations=1, converged=next(answers))
+
+    for given, whole in (([True, None], None), ([True, False], False), ([True, True], True)):
+        answers = iter(given)
+        assert paper(body_task, vertices=60, samplings=2, proxy_method=unsure, workers=1).converged is whole
+
+
+def test_a_coarse_method_gets_the_seed_and_the_handles(body_task):
+    seen = []
+
+    def solver(task, *, seed, progress=silent) -> DeformationResult:
+        seen.append(seed)
+        for name in ("target", "dynamic", "group"):
+            assert np.array_equal(getattr(task.handles, name), getattr(body_task.handles, name))
+        return bending(task, seed=seed)
+
+    paper(body_task, vertices=70, samplings=2, proxy_method=solver, seed=2)
+    assert seen == [2, 2]
+
+
+BODY = bumpy(3)
+#: Largest relative error of a volume.
+WHOLE = 1e-3
+
+
+def task_of(mesh: Mesh, *, count: int = 12) -> DeformationTask:
+    """Return a task with handles at both ends along z; the upper end is moved."""
+    return DeformationTask("t", mesh, end_handles(mesh.V, count=count, shift=[0.3, 0, 0.3]))
+
+
+def ratio(mesh: Mesh, V: np.ndarray) -> float:
+    return Mesh(V, mesh.F).volume / mesh.volume
+
+
+MESHES = {"closed": BODY, "two": beside(BODY, shifted(BODY, [6.0, 0, 0])), "regions": BODY}
+
+
+@pytest.mark.parametrize("method", ["fast", "fine", "paper"])
+@pytest.mark.parametrize("name", MESHES)
+def test_goals_are_reached_with_handles_on_their_targets(name, method):
+    mesh, count = MESHES[name], {"regions": 150, "two": 40}.get(name, 12)
+    options = {"volume": np.inf} if method == "paper" else {}
+    result = sshade.deform(task_of(mesh, count=count), method=method, volume_goal=1.1, **options)
+    assert ratio(mesh, result.vertices) == pytest.approx(1.1, rel=WHOLE)
+    assert ratio(BODY, result.vertices[: BODY.n]) == pytest.approx(1.1, rel=WHOLE)  # of each component
+    assert method == "paper" or result.facts.hard_handle_error < 1e-12
+    assert result.facts.volume_goal_error < WHOLE and result.facts.options["volume_goal"] == 1.1
+
+
+def test_a_goal_limits_the_weight_of_the_area_unless_it_is_given():
+    def shape(**options):
+        return sshade.deform(task_of(BODY), volume_goal=1.3, **options).vertices
+
+    found, whole = shape(), shape(area=1.0)
+    assert np.array_equal(found, shape(area=0.1))
+    assert Mesh(found, BODY.F).face_areas.sum() > 1.005 * Mesh(whole, BODY.F).face_areas.sum()
+
+
+@pytest.mark.parametrize("name", ["closed", "regions"])
+def test_a_drag_keeps_a_goal(name):
+    mesh = MESHES[name]
+    task = task_of(mesh, count=150 if name == "regions" else 12)
+    drag = Deformer(mesh, task.handles.index, volume_goal=1.1)
+    rest, target = mesh.V[task.handles.index], task.handles.target
+    for step in (0.5, 1.0):
+        drag.step(rest + step * (target - rest), tolerance=1e-4)
+    drag.settle()
+    assert ratio(mesh, drag.settle().vertices) == pytest.approx(1.1, rel=WHOLE)
+
+
+BAD = {
+    "an endless goal": (BODY, {"volume_goal": np.inf}, "volume_goal must be a number above 0"),
+    "no weight": (BODY, {"volume_goal": 1.1, "volume": 0}, "volume_goal needs a weight"),
+    "an open mesh": (tube(16, 40), {"volume_goal": 1.1}, "needs a closed surface, and this one has a bound"),
+    "an open component": (
+        beside(BODY, shifted(tube(16, 40), [6.0, 0, 0])),
+        {"volume_goal": 1.1},
+        "the component of 640 vertices around vertex 642 cannot be deformed: volume_goal needs a closed",
+    ),
+    "a flat mesh": (Mesh(BODY.V * [0, 1, 1], BODY.F), {"volume_goal": 1.1}, "this surface is flat"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_goals_are_refused_in_one_sentence(name):
+    mesh, options, words = BAD[name]
+    task = task_of(mesh, count=40)
+    with pytest.raises(InputError, match=words):
+        sshade.deform(task, **options)
+    with pytest.raises(InputError):
+        Deformer(mesh, task.handles.index, **options)
+
+
+TASK = DeformationTask("body", BODY, end_handles(BODY.V, share=0.02, shift=[0, 0, 0.2]))
+
+
+def test_a_quarter_of_the_mesh_at_most_and_room_for_the_handles():
+    """And no more than the mesh has. So few that the sampling refuses them stay so few."""
+    n = [24_000, 23_999, 4802, 1000, 302, 4, 5000]
+    asked, handles = [6000] * 6 + [10], [300] * 5 + [0, 300]
+    assert list(map(proxy_vertices, asked, n, handles)) == [6000, 5999, 1200, 304, 302, 4, 10]
+
+
+@pytest.mark.parametrize(
+    ("asked", "area", "shares"),
+    [
+        (100, [1, 3, 6], [10, 30, 60]),
+        (300, [1, 3, 6], [33, 70, 197]),  # the second gets its maximum, the others the rest
+        (60, [1, 1, 4], [10, 10, 40]),
+        (60, [1, 0.2, 4], [10, 10, 40]),  # the second needs more than its portion
+        (1000, [1, 3, 6], [40, 70, 250]),
+        (5, [1, 3, 6], [2, 10, 4]),
+        (100, [0, 0, 1], [2, 10, 88]),
+        (100, [1, 0, 0], [40, 10, 4]),
+    ],
+)
+def test_components_share_by_area_what_they_can_use(asked, area, shares):
+    least, most = np.array([2, 10, 4]), np.array([40, 70, 250])
+    assert shared_vertices(asked, np.array(area, dtype=float), least, most).tolist() == shares
+
+
+@pytest.mark.parametrize("method", [paper, fast, fine])
+def test_every_method_samples_a_quarter_and_says_so(method):
+    by_default, asked, fewer = (method(TASK, **more) for more in ({}, {"vertices": 160}, {"vertices": 100}))
+    assert by_default.facts.samples == asked.facts.samples == BODY.n // 4 == 160
+    assert np.array_equal(by_default.vertices, asked.vertices)
+    assert fewer.facts.samples == 100 and 100 <= fewer.facts.proxy_vertices < 110
+    if method is paper:
+        dragged = Deformer(BODY, TASK.handles.index, method="paper").step(TASK.handles.target)
+        assert dragged.facts.samples == transfer_pose(BODY, BODY.V, samplings=1).facts.samples == 160
+        assert np.array_equal(bind(BODY).sampling.samples, bind(BODY, 160).sampling.samples)
+        assert deformation_graph(TASK).extra["nodes"] == 160
+
+
+@pytest.mark.parametrize(("run", "most"), [(paper, 10), (fast, 10), (None, 20)])
+def test_memory_does_not_grow_with_the_number_of_samplings(run, most):
+    mesh = bumpy(5)
+    task = DeformationTask("body", mesh, end_handles(mesh.V, share=0.02, shift=[0, 0, 0.2]))
+    peaks = []
+    for samplings in (1, 1, most):  # the first call loads kernels
+        options = {"vertices": 100, "samplings": samplings, "workers": 1}
+        tracemalloc.start()
+        if run is None:
+            transfer_pose(mesh, bent(mesh.V), **options)
+        else:
+            run(task, **options, max_iterations=5)
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[2] < peaks[1] + 6 * mesh.V.nbytes

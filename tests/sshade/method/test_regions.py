@@ -110,9 +110,8 @@ def test_a_hard_handle_among_soft_ones_is_a_sample():
     mesh = bumpy(4)
     index = np.argsort(mesh.V[:, 2])[: mesh.n // 2]
     weight = np.where(np.arange(len(index)) == 0, np.inf, 1.0)  # the lowest vertex, far from the edge
-    regions = HandleRegions(
-        mesh, Handles(index, mesh.V[index], weight=weight), vertices=300, graph=vertex_graph(mesh)
-    )
+    handles, graph = Handles(index, mesh.V[index], weight=weight), vertex_graph(mesh)
+    regions = HandleRegions(mesh, handles, vertices=300, graph=graph)
     assert regions.regional and index[0] in regions.first
 
 

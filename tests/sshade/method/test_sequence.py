@@ -38,9 +38,10 @@ def count_samplings(monkeypatch) -> list[int]:
     return found
 
 
-@pytest.mark.parametrize(
-    ("method", "more"), [("fast", {}), ("paper", {}), ("fine", {}), ("paper", {"accelerate": False})]
-)
+PLAIN = ("paper", {"accelerate": False})
+
+
+@pytest.mark.parametrize(("method", "more"), [("fast", {}), ("paper", {}), ("fine", {}), PLAIN])
 def test_poses_far_from_the_pose_before_have_the_bits_of_single_runs(method, more):
     task = bar()
     poses = bends(task, np.array([0.8, -0.4, 0.6]))

@@ -73,9 +73,7 @@ def test_the_seed_reaches_every_sampling(always, monkeypatch, name, mesh):
     [(10_000, 1000, False), (100, 3, False), (100, 1000, True), (100, 1000, False)],
     ids=["small", "many handles", "from a guess", "refused"],
 )
-def test_where_there_is_no_coarser_proxy_it_is_the_solver_alone(
-    task, monkeypatch, caplog, smallest, step, guess
-):
+def test_without_a_coarser_proxy_it_is_the_solver_alone(task, monkeypatch, caplog, smallest, step, guess):
     def refuses(*_):
         raise InputError("too thin")
 

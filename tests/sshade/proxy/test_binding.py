@@ -127,9 +127,7 @@ def half_way(R: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return half @ R[0], half @ v[0] + np.linalg.solve(half + np.eye(3), shift)
 
 
-def one_by_one(
-    proxy: Mesh, V: np.ndarray, *, on: Projection, NV: np.ndarray, R: np.ndarray, S: np.ndarray
-) -> np.ndarray:
+def one_by_one(proxy: Mesh, V: np.ndarray, *, on: Projection, NV, R, S: np.ndarray) -> np.ndarray:
     """Evaluate blended frames point by point from the definition; S stretches frames at vertices."""
     moved = np.empty_like(V)
     for i, (t, w) in enumerate(zip(on.face, on.barycentric, strict=True)):

@@ -20,9 +20,7 @@ OPTIONS = {option.name for option in fields(Options)}
 class Solver:
     """Solves a :class:`System` again and again; options of the energy go to both."""
 
-    def __init__(
-        self, mesh: Mesh, index: np.ndarray, *, energy: str = "spokes_and_rims", **given: Any
-    ) -> None:
+    def __init__(self, mesh: Mesh, index, *, energy: str = "spokes_and_rims", **given: Any) -> None:
         weights = {name: given.pop(name) for name in ("bending", "thickness") if name in given}
         self.system = System(mesh, np.asarray(index), Options(**weights), elements=energy, **given)
 
@@ -31,8 +29,6 @@ class Solver:
         other.system = self.system.with_handles(index, **given)
         return other
 
-    def solve(
-        self, aim: Aim, *, tolerance: float = 1e-5, max_iterations: int = 1000, **given: Any
-    ) -> Solution:
+    def solve(self, aim: Aim, *, tolerance=1e-5, max_iterations=1000, **given: Any) -> Solution:
         own = {name: given.pop(name) for name in OPTIONS - {"workers", "start"} if name in given}
         return solve(self.system, aim, Options(**own), stop=Stop(tolerance, max_iterations), **given)

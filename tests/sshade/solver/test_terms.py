@@ -60,9 +60,8 @@ def case(request, monkeypatch):
     rng = np.random.default_rng(0)
     P = ordered.V - MESH.origin + 0.05 * rng.normal(size=(MESH.n, 3))
     R = Rotation.from_rotvec(0.3 * rng.normal(size=(MESH.n, 3))).as_matrix().reshape(-1, 9)
-    return SimpleNamespace(
-        kind=kind, options=options, elements=elements, bound=bound, term=term, ordered=ordered, P=P, R=R
-    )
+    facts = {"kind": kind, "options": options, "elements": elements, "bound": bound, "term": term}
+    return SimpleNamespace(ordered=ordered, P=P, R=R, **facts)
 
 
 def evaluated(case, P: np.ndarray, R: np.ndarray) -> SimpleNamespace:
@@ -71,10 +70,8 @@ def evaluated(case, P: np.ndarray, R: np.ndarray) -> SimpleNamespace:
     The first term overwrites covariances and forces; other terms add to those that are there.
     """
     ranges, first = range(len(case.ordered.ranges)), case.kind is TERMS[0]
-    S0, B0 = (
-        np.random.default_rng(2).normal(size=(MESH.n, 9)),
-        np.random.default_rng(3).normal(size=(MESH.n, 3)),
-    )
+    S0 = np.random.default_rng(2).normal(size=(MESH.n, 9))
+    B0 = np.random.default_rng(3).normal(size=(MESH.n, 3))
     S, B = S0.copy(), B0.copy()
     fitted = sum(case.term.local(number, P, S) for number in ranges)
     S = S if first else S - S0
@@ -114,10 +111,8 @@ def defined(case, P: np.ndarray, R: np.ndarray) -> float:
         return corners * float((STIFFNESS[soft] * ((P[INDEX] - TARGET) ** 2).sum(axis=1)[soft]).sum())
     if case.kind.__name__ == "Struts":
         i, j = opposite_vertices(MESH)
-        off, length = (
-            P[i] - P[j] - np.einsum("pab,pb->pa", R[i], V[i] - V[j]),
-            np.linalg.norm(V[i] - V[j], axis=1),
-        )
+        off = P[i] - P[j] - np.einsum("pab,pb->pa", R[i], V[i] - V[j])
+        length = np.linalg.norm(V[i] - V[j], axis=1)
         return corners * float((options.thickness * area[i] / length**2 * (off**2).sum(axis=1)).sum())
     assert case.kind.__name__ == "Bending", "a new term needs its definition here"
     L = laplacian_matrix(MESH.n, *edge_weights(MESH, h))
