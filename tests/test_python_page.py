@@ -57,9 +57,8 @@ def without_a_screen(monkeypatch, names: dict[str, Any]) -> None:
     monkeypatch.setattr(polyscope, "init", lambda: begin("openGL_mock"))
     monkeypatch.setattr(polyscope, "set_user_callback", callbacks.append)
     monkeypatch.setattr(polyscope.imgui, "SliderFloat", lambda *_: (True, 1.0))
-    monkeypatch.setattr(
-        polyscope.SurfaceMesh, "update_vertex_positions", lambda self, V: names.update(moved=V)
-    )
+    update = "update_vertex_positions"
+    monkeypatch.setattr(polyscope.SurfaceMesh, update, lambda self, V: names.update(moved=V))
     monkeypatch.setattr(polyscope, "show", lambda: [callbacks[0](), polyscope.shutdown()])
 
 

@@ -14,9 +14,7 @@ _PLY |= {"float": "f4", "double": "f8"}
 Property = tuple[str, str, Any]
 
 
-def ply(
-    order: str, elements: dict[str, list[Property]], *, comments: Sequence[str] = (), end: str = "\n"
-) -> bytes:
+def ply(order: str, elements: dict[str, list[Property]], *, comments: Sequence[str] = (), end="\n") -> bytes:
     """Return a PLY file. `order` is "<" or ">" for binary files, and "" for text."""
     names = {"": "ascii", "<": "binary_little_endian", ">": "binary_big_endian"}
     lines, body = ["ply", f"format {names[order]} 1.0", *comments], []

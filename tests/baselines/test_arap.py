@@ -21,10 +21,8 @@ from sshade import DeformationTask, Handles, Mesh
 from sshade.solver.laplacian import edge_weights, half_cotangents, laplacian_matrix
 from tests.shapes import block, bumpy, folded, held_ends, icosphere, jittered, rotation, strip, tube
 
-ENERGIES = {
-    name: getattr(igl.ARAPEnergyType, f"ARAP_ENERGY_TYPE_{name.upper()}")
-    for name in ("spokes", "spokes_and_rims")
-}
+SPOKES = "ARAP_ENERGY_TYPE_SPOKES"
+ENERGIES = {"spokes": SPOKES, "spokes_and_rims": f"{SPOKES}_AND_RIMS"}
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +33,7 @@ def task() -> DeformationTask:
 
 def igl_positions(task: DeformationTask, energy: str, iterations: int, start: np.ndarray) -> np.ndarray:
     data = igl.ARAPData()
-    data.energy, data.max_iter = ENERGIES[energy], iterations
+    data.energy, data.max_iter = getattr(igl.ARAPEnergyType, ENERGIES[energy]), iterations
     V, F = np.array(task.mesh.V), np.array(task.mesh.F)
     igl.arap_precomputation(V, F, 3, np.array(task.handles.index), data)
     return igl.arap_solve(np.array(task.handles.target), data, start)

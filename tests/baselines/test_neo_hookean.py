@@ -15,9 +15,8 @@ def elasticity():
     mesh = bumpy(1)
     made = coarse_tetrahedra(mesh, samples=10**6, edge=0.3)
     carry = made.carry[held_ends(mesh).handles.index]
-    made_of = Elasticity(
-        made, carry, _simkit(), centre=np.zeros(3), scale=mesh.diagonal, poisson=0.4, weight=1e2
-    )
+    middle, size = np.zeros(3), mesh.diagonal
+    made_of = Elasticity(made, carry, _simkit(), centre=middle, scale=size, poisson=0.4, weight=1e2)
     return made_of, made.V / mesh.diagonal
 
 

@@ -115,9 +115,8 @@ def test_biharmonic_coordinates_reproduce_affine_maps_of_points():
 def test_soft_handles_come_nearer_with_their_weight(method):
     task = held_ends(bumpy(2))
     options = {**COARSE, "start": "rigid"}
-    errors = [
-        method(task, **options, handle_weight=weight).extra["handle_error"] for weight in (10.0, 1e3, 1e5)
-    ]
+    found = [method(task, **options, handle_weight=weight) for weight in (10.0, 1e3, 1e5)]
+    errors = [result.extra["handle_error"] for result in found]
     assert errors[0] > 2 * errors[1] > 4 * errors[2]
     for weight in (0.0, -1.0, np.inf):
         with pytest.raises(InputError, match="handle_weight"):
