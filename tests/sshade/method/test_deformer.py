@@ -15,7 +15,8 @@ from sshade.core.threads import ThreadTeam
 from sshade.method import piece as piece_module
 from sshade.problem.options import GROUPS
 from sshade.solver import system as system_module
-from tests.shapes import beside, bumpy, end_handles, moved_parts, of_all, shifted, tube
+from tests.shapes import beside, bumpy, end_handles, moved_parts, of_all, rotation, shifted, tube
+from tests.sshade.mesh.test_cutting import moebius, t_fin
 from tests.sshade.method.calls import fast
 
 
@@ -54,6 +55,37 @@ def test_a_drag_takes_what_deform_takes(mesh, held, soup):
     index = np.random.default_rng(0).permutation(np.flatnonzero(mask))
     drag.rebind(index)
     assert np.abs(drag.step(target[index]).vertices - expected).max() < 0.01 * mesh.diagonal
+
+
+#: Shapes, weights of their handles, options, and how far a drag may be from a call, over the diagonal. A drag
+#: keeps its state between the solves that junctions, sides and goals need.
+FIRST = {
+    "one": (bumpy(3), np.inf, {}, 0.0),
+    "soft": (bumpy(3), 3.0, {}, 0.0),
+    "samplings": (bumpy(3), np.inf, {"method": "paper", "samplings": 2}, 0.0),
+    "two": (beside(bumpy(3), shifted(bumpy(3), [4, 0, 0])), np.inf, {}, 0.0),
+    "a fin": (t_fin(6), np.inf, {}, 1e-3),
+    "one side": (moebius(40), np.inf, {}, 1e-3),
+    "a goal": (bumpy(3), np.inf, {"volume_goal": 1.1}, 1e-3),
+}
+
+
+@pytest.mark.parametrize("name", FIRST)
+def test_a_first_step_and_one_after_a_reset_deform_as_a_call_does(name):
+    mesh, weight, options, close = FIRST[name]
+    V, ends = mesh.V, []
+    for component in range(mesh.component.max() + 1):
+        own = np.flatnonzero(mesh.component == component)
+        own = own[np.argsort(V[own] @ [0.1, 0, 1])]
+        ends += [(own[:8], 0), (own[-8:], lambda P: 0.8 * P + 0.2 * P @ rotation(1).T + [0.1, 0.05, 0.1])]
+    own = moved_parts(V, *ends, weights=[np.inf, weight] * (len(ends) // 2))
+    once = deform(DeformationTask("t", mesh, own), vertices=150, **options).vertices
+    drag = Deformer(mesh, own.index, group=own.group, weight=own.weight, vertices=150, **options)
+    first = drag.step(own.target).vertices
+    drag.step(V[own.index])
+    drag.reset()
+    for found in (first, drag.step(own.target).vertices):
+        assert np.abs(found - once).max() <= close * mesh.diagonal
 
 
 @pytest.mark.filterwarnings("ignore:overflow:RuntimeWarning", "ignore:invalid:RuntimeWarning")

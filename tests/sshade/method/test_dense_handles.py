@@ -107,3 +107,12 @@ REFUSED = {
 }
 
 test_other_handles_and_options_are_refused = refusals(REFUSED)
+
+
+def test_a_node_as_far_from_all_centres_has_a_share_of_one():
+    """The corners of a cube are equally far from its middle, where a node of the grid lies."""
+    x = np.stack(np.meshgrid([-1.0, 1], [-1.0, 1], [-1.0, 1]), axis=-1).reshape(-1, 3)
+    A, every = rotation(2) * [1, 2, 3], np.arange(8)
+    splines = fit_splines(x, x @ A.T, neighbours(x, every, every))
+    V = np.outer([-1.0, 0, 1], [1, 0, 0])
+    np.testing.assert_allclose(interpolate(splines, V), V @ A.T, atol=1e-12)

@@ -132,6 +132,18 @@ def test_copies_within_a_component_meet_at_one_place(weight):
     assert np.array_equal(result.vertices[0], own.target[1]) == np.isinf(weight)
 
 
+def test_a_surface_that_meets_itself_in_a_point_bends_on_a_coarse_proxy():
+    """Faces of the proxy join two copies of the point, and are no faces where it is one vertex."""
+    sheet, one, other = strip(24, 8), 112, 130
+    V, F = np.array(sheet.V), np.where(sheet.F == other, one, sheet.F)
+    V[one] = (V[one] + V[other]) / 2 + [0, 0, 0.3]
+    mesh = Mesh(np.delete(V, other, axis=0), F - (other < F))
+    own = end_handles(mesh.V, axis=0, share=0.05, shift=[0, 0, 4])
+    result = deformed(mesh, own, fast, vertices=40)
+    assert result.facts.copies == 1 and result.facts.gap < 1e-12
+    assert np.array_equal(result.vertices[own.index], own.target)
+
+
 def test_sides_in_different_minima_meet_from_their_mean(monkeypatch):
     mesh, guesses = moebius(), []
 
