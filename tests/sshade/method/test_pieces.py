@@ -135,7 +135,7 @@ def test_copies_within_a_component_meet_at_one_place(weight):
 def test_a_surface_that_meets_itself_in_a_point_bends_on_a_coarse_proxy():
     """Faces of the proxy join two copies of the point, and are no faces where it is one vertex."""
     sheet, one, other = strip(24, 8), 112, 130
-    V, F = np.array(sheet.V), np.where(sheet.F == other, one, sheet.F)
+    V, F = np.array(sheet.V), np.where(other == sheet.F, one, sheet.F)
     V[one] = (V[one] + V[other]) / 2 + [0, 0, 0.3]
     mesh = Mesh(np.delete(V, other, axis=0), F - (other < F))
     own = end_handles(mesh.V, axis=0, share=0.05, shift=[0, 0, 4])
