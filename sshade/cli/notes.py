@@ -33,6 +33,11 @@ APART = 1e-6
 ON_TARGET = 1e-6
 #: Distance of a hard handle from its target that is a warning, as a fraction of the bounding-box diagonal.
 MISSED = 1e-4
+#: What to say where handles are dense and the method fits others, and where they are not.
+DENSITY = {
+    True: "the handles are dense: --method interpolate follows them without an elastic surface in between",
+    False: "the handles are not dense, and --method interpolate knows no surface; --method fast does",
+}
 #: Rounding of positions that is worth a detail, as a fraction of the bounding-box diagonal.
 COARSE = 1e-6
 #: Distance on the mesh that matters: a smaller one is a detail. As a fraction of the bounding-box diagonal.
@@ -93,7 +98,8 @@ def tell(
         advice = "; --method fast puts handles exactly at their targets" if options.method == "paper" else ""
         say(f"warning: a handle is {_percent(error)} away from its target{advice}")
     snap = max(float(handles.snapping.distance.max()) for handles in poses)
-    dense = options.method != "interpolate" and are_dense(task)
+    dense = are_dense(task)
+    unfit = DENSITY[dense] if dense != (options.method == "interpolate") else None
     worst = max(filter(None, gaps), key=lambda gap: gap.distance, default=None)
     if worst is not None:  # it is the gap of parts that touched, with names
         facts = replace(facts, opening=0.0)
@@ -102,7 +108,7 @@ def tell(
             (1.0, note)
             for note in handle_notes(given[0], poses[0], shape.mesh, original=shape.surface.original)
         ),
-        *notes(facts, shape.surface, snap=snap, dense=dense),
+        *notes(facts, shape.surface, snap=snap, unfit=unfit),
     ]
     if moved > COARSE:
         single = (
@@ -139,7 +145,7 @@ def part_name(component: int, opened: OpenTask) -> str:
     return f"{names[0]} (vertex {vertex})" if names else f"the part of vertex {vertex}"
 
 
-def notes(facts: Facts, surface: Surface, *, snap: float, dense: bool) -> Iterator[tuple[float, str]]:
+def notes(facts: Facts, surface: Surface, *, snap: float, unfit: str | None) -> Iterator[tuple[float, str]]:
     """Yield a sentence for each unusual fact, and how much it matters, as a fraction of the diagonal.
 
     Parameters
@@ -149,8 +155,8 @@ def notes(facts: Facts, surface: Surface, *, snap: float, dense: bool) -> Iterat
     surface : Surface
     snap : float
         Largest distance of a handle given by position from its vertex.
-    dense : bool
-        Whether the handles are dense, and the method does not interpolate them.
+    unfit : str, optional
+        Why another method fits the handles better.
     """
     rest = surface.facts
     if rest.near:
@@ -161,11 +167,8 @@ def notes(facts: Facts, surface: Surface, *, snap: float, dense: bool) -> Iterat
     if snap > 0:
         share = snap / surface.mesh.diagonal
         yield share, f"handles given by position were snapped by at most {snap:.3g}, {_percent(share)}"
-    if dense:
-        yield (
-            1.0,
-            "the handles are dense: --method interpolate follows them without an elastic surface in between",
-        )
+    if unfit:
+        yield 1.0, unfit
     if "yielding" in (facts.volume_constraint or ""):
         share = facts.volume_error or 0.0
         more = "more" if (facts.volume_pressure or 0.0) < 0 else "less"

@@ -185,3 +185,15 @@ def test_handles_that_contradict_their_neighbours_are_named(here, method):
         named = f"vertex {', '.join(map(str, ids[wrong]))}; check the order of the targets"
         told = "3 handles go far from where neighbours go" in err and named in err
         assert code == 0 and told == exchanged
+
+
+@pytest.mark.parametrize("method", ["fast", "interpolate"])
+@pytest.mark.parametrize("every", [2, 160])
+def test_a_method_that_does_not_fit_the_density_of_the_handles_is_told(here, method, every):
+    body = icosphere(3)
+    write_mesh("a.ply", body.V, body.F)
+    ids = np.arange(0, body.n, every)
+    write_handles("pose.json", Handles(ids, body.V[ids] + [0, 0, 0.1] * body.V[ids]))
+    _, _, err = run(f"sshade deform a.ply pose.json -o out.ply --method {method}")
+    assert ("note: the handles are dense" in err) == (every == 2 and method == "fast")
+    assert ("note: the handles are not dense" in err) == (every == 160 and method == "interpolate")
