@@ -103,16 +103,6 @@ def test_neither_last_bits_nor_more_digits_than_are_printed_tell_methods_apart()
     assert places(of_cases, crossed(4, 3), EDGE).to_dict() == {"a": 1, "b": 1, "c": 1, "d": 4}
 
 
-@pytest.mark.parametrize(("subjects", "poses"), [(12, 3), (3, 12)])
-def test_an_interval_is_as_wide_as_the_smaller_number_of_subjects_and_poses_needs(subjects, poses):
-    """Three units need 5.3 standard deviations, of which resamples reach 4; twelve need 2.3."""
-    twelve = stats.norm.ppf((np.arange(12) + 0.5) / 12)
-    values = np.repeat(twelve, 3) if subjects == 12 else np.tile(twelve, 3)
-    deviation = twelve.std() / np.sqrt(12)
-    low, high = interval(values[:, None], crossed(subjects, poses))
-    assert 3.3 < -low[0] / deviation < 5.6 and 3.3 < high[0] / deviation < 5.6
-
-
 @pytest.mark.parametrize(
     ("subjects", "poses", "told"),
     [

@@ -45,23 +45,16 @@ RGBA = columns("uchar", "red green blue alpha", np.column_stack([COLOUR, COLOUR[
 FACES = ("vertex_indices", "uchar int", F)
 CAMERA = [("view_px", "float", [1.5]), ("name", "uchar int", [[65, 66]])]
 FLAGS = [("flags", "short", F[:, 0] % 9), ("weight", "double", UV[F[:, 0], 0])]
-ORDERS = {"ascii": "", "little endian": "<", "big endian": ">"}
 #: The content of each file.
 Table = dict[str, bytes]
 
 PLY: Table = {
-    **{f"{order} floats": mesh_ply(V, F, ORDERS[order], "float") for order in ORDERS},
-    **{f"{order} doubles": mesh_ply(V, F, ORDERS[order], "double") for order in ORDERS},
     "colours, normals, coordinates": ply("<", {"vertex": [*XYZ, *NORMALS, *RGBA, *ST], "face": [FACES]}),
-    "ascii normals first": ply("", {"vertex": [*NORMALS, *RGBA, *XYZ], "face": [FACES]}),
     "further elements": ply("<", {"camera": CAMERA, "vertex": XYZ, "face": [FACES], "tail": CAMERA}),
     "faces first": ply(">", {"face": [FACES], "vertex": XYZ}),
     "values of faces": mesh_ply(V, F, "<", face=FLAGS),
-    "axes apart": ply("<", {"vertex": [XYZ[2], RGBA[0], XYZ[0], ST[1], XYZ[1]], "face": [FACES]}),
     "comments": mesh_ply(V, F, "", comments=["comment made by hand", "obj_info a scan", "comment ä"]),
-    "vertex_index": ply("<", {"vertex": XYZ, "face": [("vertex_index", "uint uint", F)]}),
     "lines of Windows": mesh_ply(V, F, "", end="\r\n"),
-    "squares": mesh_ply(TUBE.V, SQUARES, "<"),
     "polygons": mesh_ply(TUBE.V, MIXED, "", "float"),
 }
 
@@ -73,9 +66,7 @@ def corners(pattern: str, faces: np.ndarray = F) -> list[str]:
 
 OBJ: Table = {
     "plain": obj(V, F),
-    "normals": lines(rows("v ", V), rows("vn ", N), corners("{0}//{0}")),
     "all attributes": lines(rows("v ", V), rows("vt ", UV), rows("vn ", N), corners("{0}/{0}/{0}")),
-    "squares": obj(TUBE.V, SQUARES),
     "polygons": obj(TUBE.V, MIXED),
     "lines of Windows": obj(V, F, end="\r\n"),
     "colours": lines(rows("v ", np.column_stack([V, COLOUR / 255])), corners("{0}")),
@@ -83,7 +74,6 @@ OBJ: Table = {
     "exponents": lines([f"v {x:.9e} {y:.9E} {z:+.9e}" for x, y, z in V.tolist()], corners("{0}")),
     "other scripts": lines(["# Körper 体", "o Körper"], rows("v ", V), ["usemtl кожа"], corners("{0}")),
     "unused vertices": lines(rows("v ", np.vstack([V, V[:5] + 9])), corners("{0}")),
-    "no end of the last line": obj(V, F).rstrip(),
     "coordinates behind faces": lines(rows("v ", V), corners("{0}"), rows("vt ", UV)),
 }
 COLOURED = [f"3 {a} {b} {c} 255 {a} 0" for a, b, c in F.tolist()]
@@ -93,8 +83,6 @@ OFF: Table = {
     "NOFF": off(np.column_stack([V, N]), F, keyword="NOFF"),
     "colours of faces": lines(["OFF", f"{len(V)} {len(F)} 0"], rows("", V), COLOURED),
     "comments": off(V, F).replace(b"OFF\n", b"OFF # by hand\n# a body\n\n"),
-    "counts on the first line": off(V, F).replace(b"OFF\n", b"OFF "),
-    "squares": off(TUBE.V, SQUARES),
 }
 
 
@@ -155,27 +143,20 @@ NESTED = (
 )
 #: The place of the body in these nodes.
 NEST = np.array([[0, 0, 1, 3], [1, 0, 0, 0], [0, 2, 0, 0], [0, 0, 0, 1.0]])
-KEPT = {"materials": [{"name": "skin", "extras": {"kept": [1.5, "ü"]}}], "extras": {"author": "nobody"}}
 GLTF: Table = {
     "plain": exported(),
-    "colours": exported(vertex_colors=np.pad(COLOUR, ((0, 0), (0, 1)), constant_values=255).astype(np.uint8)),
     "texture": exported(**TEXTURED),
     "values of its own": exported(vertex_attributes={"_heat": UV[:, :1].astype(np.float32)}),
-    "normals": scene(),
     "two primitives": scene(parts=(F[:160], F[160:])),
-    "placed by a node": scene(HALF_TURN),
     "nested nodes": scene(*NESTED, scenes=[{"nodes": [2]}]),
     "instances": scene({"mesh": 0, "name": "left"}, {**HALF_TURN, "name": "right"}),
-    "materials and extras": scene(**KEPT),
 }
 TABLES = {".ply": PLY, ".obj": OBJ, ".off": OFF, ".stl": STL, ".glb": GLTF}
 CASES = {f"{suffix} {name}": content for suffix, table in TABLES.items() for name, content in table.items()}
 #: The surfaces of files that hold another one than the body.
 SURFACES = {
-    **{f"{suffix} squares": TUBE for suffix in (".ply", ".obj", ".off")},
     **{f"{suffix} polygons": CAPPED for suffix in (".ply", ".obj")},
     ".stl several solids": PAIR,
-    ".glb placed by a node": placed(TURNED),
     ".glb nested nodes": placed(NEST),
     ".glb instances": placed(np.eye(4), TURNED),
 }
