@@ -188,13 +188,7 @@ def family() -> dict[str, Mesh]:
 
 
 def end_handles(
-    V: np.ndarray,
-    *,
-    axis: int = 2,
-    share: float = 0.1,
-    count: int | None = None,
-    turn=NO_TURN,
-    shift=(0.0, 0, 0),
+    V, *, axis=2, share=0.1, count: int | None = None, turn=NO_TURN, shift=(0.0, 0, 0)
 ) -> Handles:
     """Return handles at both ends along an axis. The lower end stays; the upper end is turned and shifted.
 

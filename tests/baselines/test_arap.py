@@ -110,13 +110,8 @@ def test_without_smoothness_it_is_arap_with_spokes_and_rims():
 
 # --- lattices around surfaces of any kind, and ARAP on them
 
-SURFACES = {
-    "closed": bumpy(2),
-    "open": tube(),
-    "sheet": jittered(strip(12, 6), 0.1),
-    "folded": folded(40, 8),
-    "not manifold": block(np.array([[[1], [0]], [[0], [1]]]), cells=3),
-}
+SURFACES = {"closed": bumpy(2), "open": tube(), "sheet": jittered(strip(12, 6), 0.1), "folded": folded(40, 8)}
+SURFACES["not manifold"] = block(np.array([[[1], [0]], [[0], [1]]]), cells=3)
 
 
 def test_a_filled_lattice_has_the_volume_of_the_shape():

@@ -26,14 +26,9 @@ from tests.sshade.method.test_degenerate import check_collapsed
 ROUNDING = 1e-9
 #: libigl fits rotations in single precision.
 SINGLE = 1e-5
-RIGID = [
-    (libigl_arap, {}, SINGLE),
-    (arap_sr, {}, ROUNDING),
-    (deformation_graph, {"nodes": 30}, ROUNDING),
-    (deformation_field, {"order": 1}, ROUNDING),
-    (deformation_field, {"order": 2}, ROUNDING),
-    (smooth_arap, {}, ROUNDING),
-]
+RIGID = [(libigl_arap, {}, SINGLE), *((method, {}, ROUNDING) for method in (arap_sr, smooth_arap))]
+RIGID += [(deformation_field, {"order": order}, ROUNDING) for order in (1, 2)]
+RIGID += [(deformation_graph, {"nodes": 30}, ROUNDING)]
 WRONG = [
     (implicit_arap, {"sdf": "gird"}, "sdf='gird' is unknown; use 'network' or 'grid'"),
     (implicit_arap, {"sdf_layers": 1}, "use at least two layers and three points"),

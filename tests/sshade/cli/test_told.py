@@ -119,13 +119,13 @@ def write_chain(suffix: str) -> None:
 def test_a_chain_of_tubes_that_overlap_reports_where_it_opens(here, suffix, names, capsys):
     write_chain(suffix)
     put_pose("pose.json", 3.0)
-    put_pose("pose_2.json", 0.01)
     assert main(["deform", f"chain{suffix}", "pose.json", "-o", f"out{suffix}"]) == 0
     said = capsys.readouterr().err
     assert f"came apart by up to 24 % of the diagonal: {names}; give them common handles" in said
-    assert main(["deform", f"chain{suffix}", "pose_2.json", "-o", f"out{suffix}"]) == 0
-    assert "came apart" not in capsys.readouterr().err
     if suffix == ".ply":  # of all poses, the widest gap
+        put_pose("pose_2.json", 0.01)
+        assert main(["deform", "chain.ply", "pose_2.json", "-o", "out.ply"]) == 0
+        assert "came apart" not in capsys.readouterr().err
         assert main(["deform", "chain.ply", "pose_2.json", "pose.json", "-o", "out_%d.ply"]) == 0
         assert "came apart by up to 24 %" in capsys.readouterr().err
 
