@@ -21,7 +21,7 @@ from baselines.volumetric.neo_hookean import neo_hookean
 from baselines.volumetric.skinning import bounded_biharmonic_weights
 from sshade import DeformationTask, Handles, InputError, Mesh
 from tests.shapes import beside, bumpy, held_ends, icosphere, rotation
-from tests.sshade.method.test_degenerate import check_collapsed
+from tests.sshade.method.test_deform import check_collapsed
 
 ROUNDING = 1e-9
 #: libigl fits rotations in single precision.
