@@ -36,6 +36,8 @@ def test_a_bent_limb_is_round_and_keeps_its_pose():
     np.testing.assert_allclose(V[task.handles.index], task.handles.target, atol=1e-12)
     assert smooth.converged and smooth.facts.volume_constraint == sharp.facts.volume_constraint
     assert np.linalg.norm(V - sharp.vertices, axis=1).mean() < 0.03 * LIMB.diagonal
+    few = deform(task, joints=1, vertices=700, max_iterations=int(smooth.iterations) - 1)
+    assert few.iterations < smooth.iterations and few.converged is False  # of both solves together
     # The middle keeps its width: the first solve pinches it.
     i, j = opposite_vertices(LIMB)
     width = [np.linalg.norm(U[i] - U[j], axis=1) for U in (LIMB.V, sharp.vertices, V)]
