@@ -24,6 +24,9 @@ def test_a_region_moves_smoothly_and_the_rest_stays_whatever_unit_and_place(edit
     length = getattr(edit, "amount", None) or edit.height
     assert 0.8 * length < moved.max() < 1.01 * length
     assert 0.001 < (moved > 0).mean() < 0.3
+    low, high = mesh.V.min(axis=0), mesh.V.max(axis=0)
+    for at in np.atleast_2d(getattr(edit, "at", np.empty((0, 3)))):  # each place moves
+        assert moved[np.linalg.norm(mesh.V - low - at * (high - low), axis=1).argmin()] > 0.8 * length
     # Neighbours move alike: no step at the border of the region.
     step = np.abs(np.diff(moved[mesh.edges], axis=1)).ravel()
     assert step[(moved[mesh.edges] == 0).any(axis=1)].max() < 0.05 * length

@@ -1,5 +1,6 @@
 """Unsaved work is kept in a file after each step, and another session continues from it."""
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 from sshade import InputError
 from sshade.edit import recovery
 from sshade.edit.session import Session
-from tests.shapes import bumpy
+from tests.shapes import bumpy, rotation
 from tests.sshade.edit.sessions import BODY, SWITCHED, added, begun, edited, switched, turned
 
 pytestmark = pytest.mark.usefixtures("here")
@@ -27,6 +28,7 @@ def files() -> list[Path]:
 @pytest.mark.parametrize("single", [True, False])
 def test_every_kind_of_group_comes_back_bit_by_bit(single, monkeypatch):
     session = switched(single=single)
+    session.alter(session.state.groups[-1].number, turn=rotation(1), is_prescribed=True)
     session.set_up("fine")
     session.select(np.arange(7), "replace")
     abandoned(session, monkeypatch)
@@ -38,9 +40,8 @@ def test_every_kind_of_group_comes_back_bit_by_bit(single, monkeypatch):
     one, new = session.state, again.state
     assert new.method == one.method and np.array_equal(new.selection, one.selection)
     for a, b in zip(one.groups, new.groups, strict=True):
-        assert (a.name, a.kind, a.weight, a.is_prescribed) == (b.name, b.kind, b.weight, b.is_prescribed)
-        assert np.array_equal(a.vertices, b.vertices) and np.array_equal(a.target, b.target)
-        assert (a.turn is None) == (b.turn is None) and (a.turn is None or np.array_equal(a.turn, b.turn))
+        for name in vars(a).keys() - {"number"}:
+            assert np.array_equal(getattr(a, name), getattr(b, name)), name
     again.undo()
     assert again.state.groups == ()
 
@@ -66,6 +67,16 @@ def test_a_step_writes_the_file_and_a_save_or_an_undo_of_all_removes_it():
     for _ in range(3):
         session.undo()
     assert files() == []
+
+
+def test_the_latest_of_several_files_is_offered_first(monkeypatch):
+    paths = []
+    for time in (1e9, 3e9, 2e9):
+        session = begun()
+        added(session, np.arange(5), "fixed")
+        paths.append(abandoned(session, monkeypatch))
+        os.utime(paths[-1], (time, time))
+    assert [offer.path for offer in edited().recovery.offers] == [paths[k] for k in (1, 2, 0)]
 
 
 def test_files_of_another_mesh_and_damaged_files_are_refused_in_a_sentence(monkeypatch):

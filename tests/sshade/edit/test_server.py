@@ -85,6 +85,8 @@ def test_commands_do_what_the_session_does_in_the_coordinates_of_the_page(server
     centre = 0.5 * (BODY.V.min(axis=0) + BODY.V.max(axis=0))
     P = first["positions"].reshape(-1, 3)
     assert np.allclose(P, (BODY.V - centre) / BODY.diagonal, atol=1e-7)
+    ask(server, "POST", f"/{server.token}/select?how=replace", LOW.astype("<u4").tobytes())
+    command(server, "remove", {"group": command(server, "mark", {"kind": "fixed"})["marked"]})
     for end, kind in ((LOW, "fixed"), (HIGH, "moved")):
         ask(server, "POST", f"/{server.token}/select?how=replace", end.astype("<u4").tobytes())
         number = command(server, "mark", {"kind": kind})["marked"]

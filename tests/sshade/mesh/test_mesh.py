@@ -1,5 +1,6 @@
 """Meshes: areas, normals, rigid motions, gaps between components, and components without handles."""
 
+from functools import cached_property
 from unittest.mock import Mock
 
 import numpy as np
@@ -278,3 +279,15 @@ def test_beads_follow_the_surface_and_not_each_other(monkeypatch):
     assert sorted(mesh.component[moved[0]] for moved, _ in led) == list(range(1, len(beads) + 1))
     assert {mesh.component[near[0]] for _, near in led} == {0}
     assert trees.call_count <= 3  # not one for each bead
+
+
+def test_arrays_of_a_mesh_are_computed_once():
+    """Also those that are new."""
+    names = [name for name in dir(Mesh) if isinstance(vars(Mesh).get(name), (property, cached_property))]
+    mesh, arrays = bumpy(1), 0
+    for name in names:
+        value = getattr(mesh, name)
+        if isinstance(value, np.ndarray):
+            arrays += 1
+            assert value is getattr(mesh, name), name
+    assert arrays > 5

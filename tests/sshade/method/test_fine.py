@@ -2,6 +2,7 @@
 
 import tracemalloc
 import weakref
+from threading import Barrier
 
 import numpy as np
 import pytest
@@ -24,6 +25,7 @@ from sshade.core.progress import silent
 from sshade.method import polish
 from sshade.problem.options import PRESETS, SOLVER
 from sshade.proxy.bind import proxy_vertices, shared_vertices
+from sshade.proxy.triangle import TriangleFrames
 from sshade.regions.handle_regions import edge_vertices
 from tests.shapes import bent, beside, bumpy, end_handles, moved_parts, shifted, tube
 from tests.sshade.method.calls import fast, fine, paper
@@ -294,3 +296,18 @@ def test_memory_does_not_grow_with_the_number_of_samplings(run, most):
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
     assert peaks[2] < peaks[1] + 6 * mesh.V.nbytes
+
+
+@pytest.mark.parametrize("run", [paper, Deformer, transfer_pose])
+def test_samplings_go_side_by_side(body, run):
+    """Each waits for the other."""
+    together, places = Barrier(2, timeout=60), []
+    task = DeformationTask("t", body, end_handles(body.V, count=5))
+
+    def frames(proxy, _):
+        places.append(together.wait())
+        return TriangleFrames.at_rest(proxy)
+
+    given = {paper: (task,), Deformer: (body, task.handles.index), transfer_pose: (body, bent(body.V))}[run]
+    run(*given, vertices=60, samplings=2, workers=2, frames=frames)
+    assert sorted(places) == [0, 1]

@@ -48,6 +48,14 @@ def test_rigid_motions_are_exact_and_at_rest_nothing_moves(mesh, origin):
     assert moved == pytest.approx((X - origin) @ R.T + [1, 2, 3], abs=1e-14 * (10 + origin))
 
 
+@pytest.mark.parametrize("unit", [1e-3, 1.0, 1e3])
+def test_points_far_from_the_mesh_are_told_in_any_unit(unit, caplog):
+    mesh = Mesh(unit * BALL.V, BALL.F)
+    for size, told in ((1.02, False), (1.5, True)):
+        move_along(mesh, mesh.V, size * mesh.V[:5])
+        assert ("of the diagonal away from the mesh" in caplog.text) == told
+
+
 def test_cloth_between_two_balls_stretches_where_the_nearest_sample_alone_would_tear_it():
     left, right = shifted(icosphere(4), [-1.5, 0, 0]), shifted(icosphere(4), [1.5, 0, 0])
     mesh, x = beside(left, right), np.linspace(-3, 3, 301)
