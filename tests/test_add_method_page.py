@@ -47,6 +47,7 @@ def mine(tmp_path, monkeypatch):
     for folder in (folder for arguments in commands("mkdir", "-p") for folder in arguments):
         Path(folder).mkdir(parents=True)
     monkeypatch.chdir(mine)
+    monkeypatch.setenv("PYTHONSAFEPATH", "")  # the command sets it, and it would stay for other tests
     monkeypatch.syspath_prepend(mine)
     monkeypatch.delitem(sys.modules, "mymethod", raising=False)
     shutil.copy(*commands("cp")[0])
