@@ -93,7 +93,6 @@ ALLOWED = {
     "defaust/configuration.py": 1,
     "eval/bench/drags.py": 1,
     "eval/check.py": 1,
-    "eval/rows/frame.py": 1,
     "eval/run/config.py": 1,
     "eval/run/targets.py": 2,
     "sshade/edit/recovery.py": 1,

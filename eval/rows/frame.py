@@ -74,7 +74,8 @@ def newest(rows: pd.DataFrame) -> pd.DataFrame:
     rows of the earlier build. Rows of an older version of a method give way to rows of the newest.
     """
     if "task.source" in rows:
-        rows = rows.assign(**{"task.source": rows["task.source"].map(_plain_source)})
+        rows = rows.copy()
+        rows["task.source"] = rows["task.source"].map(_plain_source)
     rows = rows.sort_values(["method.version", "measures", "date", "key"], kind="stable")
     for same_task in ("task.checksum", "task.source"):
         run = ["method.name", "method.hash", "task.name", same_task, "seed"]

@@ -179,8 +179,13 @@ class NearParts:
         least = NEAR * growth * diagonal
         i, j = self._pairs.T
         i, j = self._pairs[np.linalg.norm(P[i] - P[j], axis=1) > least].T  # others have a smaller gap
-        point, other = np.append(i, j), self._component[np.append(j, i)]
-        now, before = (self._distance(Q, point, other) for Q in (P, self._rest))
+        count = int(self._component.max()) + 1
+        # A point is in many pairs with the same component.
+        once, which = np.unique(
+            np.append(i, j) * count + self._component[np.append(j, i)], return_inverse=True
+        )
+        point, other = np.divmod(once, count)
+        now, before = (self._distance(Q, point, other)[which] for Q in (P, self._rest))
         opened = np.minimum(*(now - growth * before).reshape(2, -1))
         wide = np.flatnonzero(opened > least)
         if not len(wide):
