@@ -177,6 +177,7 @@ class Bound:
         """Bind what depends on the handle vertices, but for the proxies."""
         mesh, handles = self._task.mesh, self._task.handles
         is_one = mesh.topology.components == 1 and mesh.is_manifold and mesh.is_oriented
+        is_one = is_one or self._options.method == "interpolate"  # which takes every mesh as it is
         self._components = None if is_one else Components(mesh, handles.index)
         #: The handles of the last call.
         self._last: Handles | None = None

@@ -239,6 +239,9 @@ def test_components_that_come_apart_are_named_before(caplog):
     words = "319 components without handles touch other components, and may come apart from them where"
     assert words in caplog.text and min(seen, default=1) == 1
     assert result.facts.touching == 319 and result.facts.opening < 1e-12  # all follow one triangle
+    caplog.clear()
+    deform(DeformationTask("m", mesh, Handles(np.arange(12), mesh.V[:12])), method="interpolate")
+    assert caplog.text.count("touch other components") == 1
     target[2] += 0.3
     two = Handles(np.append(b, 600), np.concatenate([target, mesh.V[[600]] + 1]))
     result = deform(DeformationTask("m", mesh, two))
