@@ -35,6 +35,9 @@ def test_a_task_at_low_resolution_is_exact(finished):
 
 def test_static_handles_stay_at_their_vertices_and_raw_handles_keep_their_targets(finished):
     task = load_task(finished, subject=0, pose=1)
+    assert (
+        task.meta["snap_max"] == task.handles.snapping.distance.max() > task.handles.snapping.distance.min()
+    )
     static = task.handles.index[~task.handles.dynamic]
     assert len(static) == task.meta["n_static"] > 0
     np.testing.assert_array_equal(task.handles.target[~task.handles.dynamic], task.mesh.V[static])

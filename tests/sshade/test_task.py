@@ -25,6 +25,24 @@ APART = {
 test_tasks_and_results_that_do_not_correspond_are_refused = refusals(APART)
 
 
+def test_a_task_is_at_rest_if_no_handle_moves_or_turns():
+    rest = np.array(TETRAHEDRON.V[:2])
+    at_rest = [
+        DeformationTask("t", TETRAHEDRON, Handles([0, 1], rest + shift, rotation=turns)).is_at_rest
+        for shift in (0.0, 1e-12, 0.1)
+        for turns in (None, TURNS)
+    ]
+    assert at_rest == [True, False, True, False, False, False]
+
+
+def test_a_soft_handle_pulls_where_its_faces_have_no_area():
+    mesh = bumpy(2)
+    V = np.array(mesh.V)
+    V[np.unique(mesh.F[(mesh.F == 7).any(axis=1)])] = V[7]
+    task = DeformationTask("t", Mesh(V, mesh.F), Handles([7, 90], V[[7, 90]], weight=1.0))
+    assert task.mesh.vertex_areas[7] == 0 < task.handles.portion.min()
+
+
 def test_other_types_and_results_that_are_not_finite_are_errors():
     with pytest.raises(TypeError, match="not a tuple"):
         DeformationTask("t", (TETRAHEDRON.V, TETRAHEDRON.F), ONE)

@@ -80,6 +80,14 @@ def test_an_interval_is_that_of_all_resamples(subjects, poses, monkeypatch):
     assert [low[0], high[0]] == pytest.approx(expected, abs=np.ptp(values) / 500)
 
 
+def test_an_interval_is_within_the_values_also_where_cases_are_missing():
+    values = np.random.default_rng(2).lognormal(size=(3, 3)) ** 2
+    subject, pose = np.nonzero(values > np.quantile(values, 0.3))
+    own = values[subject, pose]
+    low, high = interval(own[:, None], Resampling.of(subject, pose))
+    assert own.min() <= low[0] < high[0] <= own.max()
+
+
 def test_where_resamples_are_too_many_the_drawn_ones_give_the_interval_within_their_error(monkeypatch):
     values, resampling = np.random.default_rng(3).lognormal(size=(42, 1)), crossed(7, 6)
     exact = np.ravel(interval(values, resampling))

@@ -237,6 +237,10 @@ def test_no_amount_of_the_way_writes_the_rest_shape_bit_by_bit(sound, capsys):
         assert np.array_equal(read_arrays(name)[0], BODY.V)
         grown = read_mesh(name.replace("out", "grown"))
         assert grown.volume == pytest.approx(1.1 * BODY.volume, rel=1e-3)
+    write_handles("still.json", Handles(POSE.index, BODY.V[POSE.index]))
+    for more, told in (([], True), (["--volume-goal", "1.1"], False)):
+        assert main(["deform", "body.ply", "still.json", "-o", "out.ply", "--vertices", "60", *more]) == 0
+        assert ("no handle moves" in capsys.readouterr().err) == told
     line = ["deform", "body.ply", "pose.json", "-o", "half.ply", "--amount", "0.5", "--vertices", "60"]
     assert main(line) == 0
     mesh = Mesh(*read_arrays("body.ply"))
