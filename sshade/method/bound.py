@@ -208,6 +208,10 @@ class Bound:
     ) -> DeformationResult:
         """Deform for targets of the handles, as :func:`sshade.deform` does.
 
+        Kept proxies go on from one inner solve to the next as in a drag. Where there are several, as with a
+        volume goal or a mesh that is cut, the shape differs from that of :func:`sshade.deform` by some
+        1e-4 of the diagonal.
+
         Parameters
         ----------
         targets : (h, 3) float64 or Handles
