@@ -15,6 +15,7 @@ from scipy.spatial import cKDTree
 from sshade.cli.arguments import OpenTask
 from sshade.core.console import say
 from sshade.core.errors import counted
+from sshade.core.threads import in_ranges
 from sshade.files.by_library import EXTRA
 from sshade.files.handle_files import HandleFile
 from sshade.files.mesh_file import MeshFile
@@ -302,12 +303,21 @@ def _long_triangles(handles: Handles, mesh: Mesh) -> str:
         return ""
     group = np.full(mesh.n, -1)
     group[handles.index] = handles.group
-    first = group[mesh.F[:, :1]]
-    free = (first < 0)[:, 0] | (group[mesh.F] != first).any(axis=1)
-    P, area = mesh.V[mesh.F[free]], mesh.face_areas[free]
-    if not area.any():
+    areas = mesh.face_areas
+
+    def lengths(first: int, end: int) -> np.ndarray:
+        """Return the area of faces that deform, and the sum of their longest sides times their areas."""
+        F, area = mesh.F[first:end], areas[first:end].copy()
+        own = group[F]
+        area[(own[:, 0] >= 0) & (own == own[:, :1]).all(axis=1)] = 0.0
+        P = mesh.V[F]
+        sides = P - P[:, [1, 2, 0]]
+        return np.array([area.sum(), area @ np.sqrt(np.einsum("fkc,fkc->fk", sides, sides).max(axis=1))])
+
+    area, sum_of_lengths = np.sum(in_ranges(lengths, mesh.m), axis=0)
+    if not area:
         return ""
-    length = float(np.average(np.linalg.norm(P - P[:, [1, 2, 0]], axis=2).max(axis=1), weights=area))
+    length = float(sum_of_lengths / area)
     distance = float(cKDTree(fixed).query(moved)[0].min())
     if length <= max(LONG * mesh.diagonal, distance / STEPS):
         return ""

@@ -2,6 +2,7 @@
 
 import json
 import re
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,9 @@ import trimesh
 
 from sshade import Handles
 from sshade.cli.main import main
+from sshade.cli.notes import handle_notes
+from sshade.core import threads
+from sshade.files.handle_files import HandleFile
 from sshade.files.meshes import read_arrays, write_mesh
 from sshade.files.task_files import write_handles
 from sshade.problem.handle_checks import astray
@@ -197,3 +201,15 @@ def test_a_method_that_does_not_fit_the_density_of_the_handles_is_told(here, met
     _, _, err = run(f"sshade deform a.ply pose.json -o out.ply --method {method}")
     assert ("note: the handles are dense" in err) == (every == 2 and method == "fast")
     assert ("note: the handles are not dense" in err) == (every == 160 and method == "interpolate")
+
+
+def test_notes_on_the_handles_of_a_large_mesh_take_memory_for_a_part_of_it(monkeypatch):
+    monkeypatch.setattr(threads, "available_cpus", lambda: 1)
+    mesh = icosphere(7)
+    assert mesh.face_areas.all()  # the method has computed them before
+    handles = Handles([0, 5], mesh.V[[0, 5]] + [[0, 0, 0], [0, 0, 0.1]], group=[0, 1], dynamic=[False, True])
+    tracemalloc.start()
+    assert handle_notes(HandleFile((), raw=False), handles, mesh) == []
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 200 * mesh.n  # all sides at once take 500 bytes a vertex
