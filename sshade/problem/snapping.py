@@ -194,8 +194,10 @@ def _refuse_far(source: np.ndarray, distance: np.ndarray, group: np.ndarray, mes
     """Raise InputError if positions are too far from the mesh; name the worst and the likely cause."""
     from scipy.spatial import cKDTree
 
-    limit = max(FARTHEST_SNAP * mesh.diagonal, mesh.mean_edge)
-    worst = int(np.argmax(distance))
+    limit, worst = FARTHEST_SNAP * mesh.diagonal, int(np.argmax(distance))
+    if distance[worst] <= limit:  # as usual; all edges of a large mesh take gigabytes
+        return
+    limit = max(limit, mesh.mean_edge)
     if distance[worst] <= limit:
         return
     far, extent = int((distance > limit).sum()), float(np.linalg.norm(np.ptp(source, axis=0)))
