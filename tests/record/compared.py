@@ -1,0 +1,63 @@
+"""Compare lines with recorded ones: words exactly, numbers within what another processor changes."""
+
+from collections.abc import Sequence
+from difflib import unified_diff
+
+from tests.record.described import NUMBER
+
+#: Largest difference of digests, which are about 1 for the size of a shape.
+DIGESTS = 1e-4
+#: Relative difference of other numbers with a point, and of numbers of iterations and of frequent calls.
+RELATIVE, COUNTS = 0.03, 0.25
+#: Numbers below are residuals and rounding: those of one size are equal.
+TINY, ZERO, SIZE = 1e-4, 1e-9, 10.0
+#: Relative difference of the memory of small scenes and of others, and the megabytes of a small one.
+SMALL, LARGE, MEGABYTES = 0.15, 0.04, 5.0
+#: Up to this number, calls are counted exactly.
+FEW = 8
+
+
+def same(line: str, recorded: str) -> bool:
+    """Whether a line says what the recorded one says."""
+    if line == recorded:
+        return True
+    if NUMBER.sub("0", line) != NUMBER.sub("0", recorded):
+        return False
+    if line.startswith("peak of "):
+        a, b = (float(NUMBER.findall(text)[0]) for text in (line, recorded))
+        return abs(a - b) <= (SMALL if b < MEGABYTES else LARGE) * b
+    counts = "iterations" in line or "calls" in line
+    found, before = NUMBER.finditer(line), NUMBER.finditer(recorded)
+    return all(
+        _near(a[0], b[0], digest=line[: a.start()].endswith("@"), counts=counts)
+        for a, b in zip(found, before, strict=True)
+    )
+
+
+def _near(word: str, other: str, *, digest: bool, counts: bool) -> bool:
+    a, b = float(word), float(other)
+    gap, size = abs(a - b), max(abs(a), abs(b))
+    if digest:
+        return gap <= DIGESTS
+    if counts:
+        return gap <= (COUNTS * size if size > FEW else 0)
+    if word.lstrip("+-").isdigit() and other.lstrip("+-").isdigit():
+        return a == b
+    unit = 1.01 * 10.0 ** -len(word.partition(".")[2]) if "e" not in word else 0.0
+    return (
+        gap <= max(unit, RELATIVE * size)
+        or size < ZERO
+        or (size < TINY and size <= SIZE * min(abs(a), abs(b)))
+    )
+
+
+def differences(lines: Sequence[str], recorded: Sequence[str]) -> list[str]:
+    """Return the lines that differ from the recorded ones, as a diff; [] if none does."""
+    if len(lines) == len(recorded):
+        lines = [old if same(new, old) else new for new, old in zip(lines, recorded, strict=True)]
+    else:  # lines that are the same but for numbers are paired
+        known = {}
+        for old in recorded:
+            known.setdefault(NUMBER.sub("0", old), []).append(old)
+        lines = [next((o for o in known.get(NUMBER.sub("0", new), ()) if same(new, o)), new) for new in lines]
+    return list(unified_diff(recorded, lines, "recorded", "found", lineterm="", n=1))
