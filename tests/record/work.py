@@ -45,12 +45,9 @@ def played(name: str) -> list[str]:
     with logged() as said:
         lines = [line for label, value in scenes.SCENES[name]() for line in described(value, label)]
     lines += [f"logged: {steady(line)}" for line in said]
-    with one_cpu(), counted() as calls:
-        for _ in scenes.SCENES[name]():
-            pass
     tracemalloc.start()
     try:
-        with one_cpu():
+        with one_cpu(), counted() as calls:
             for _ in scenes.SCENES[name]():
                 pass
         peak = tracemalloc.get_traced_memory()[1]

@@ -1,0 +1,38 @@
+"""What scenes share: their registry, a body, a limb, and tasks."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from sshade import DeformationTask, Mesh, deform
+from tests.shapes import bumpy, moved_parts, tube
+
+#: What a scene yields: names and values.
+Values = Iterator[tuple[str, Any]]
+BODY = bumpy(4)
+LIMB = tube(30, 80, length=7.0)
+SCENES: dict[str, Callable[[], Values]] = {}
+
+
+def scene(function: Callable[[], Values]) -> Callable[[], Values]:
+    SCENES[function.__name__] = function
+    return function
+
+
+def patches(mesh: Mesh = BODY, count: int = 12, turn: float = 0.5, **more: Any) -> DeformationTask:
+    """The ends of a mesh along z: one stays, the other turns and moves."""
+    order = np.argsort(mesh.V[:, 2])
+    R = np.array([[1, 0, 0], [0, np.cos(turn), -np.sin(turn)], [0, np.sin(turn), np.cos(turn)]])
+    centre = mesh.V[order[-count:]].mean(axis=0)
+    moved = lambda V: centre + (V - centre) @ R.T + [0.2, 0.1, 0.1]  # noqa: E731
+    own = moved_parts(mesh.V, (order[:count], 0), (order[-count:], moved), **more)
+    return DeformationTask("t", mesh, replace(own, dynamic=own.group > 0))
+
+
+def solved(task: DeformationTask, **options: Any) -> Values:
+    seen: list[str] = []
+    report = lambda stage, *_: seen.append(stage) if stage not in seen else None  # noqa: E731
+    result = deform(task, progress=report, **options)
+    yield from {"result": result, "progress": seen}.items()
