@@ -8,7 +8,7 @@
 # make transfers    poses rebuilt and transferred, at 20k and at 170k vertices (half an hour)
 # make gallery      the pictures of the README, of docs/gallery.md and docs/applications.md (ten minutes)
 # make update       everything that is generated from the code, after a change of it: the list of kernels, golden values,
-#                   tables and pictures of the pages (two hours, on a machine with Chromium)
+#                   the record of the tests, tables and pictures of the pages (two hours, on a machine with Chromium)
 # make verify       the paper's numbers beside yours, on your copies: FAUST=DIR TOSCA=DIR (15 hours for FAUST; go on
 #                   with the same command)
 # make docs         the documentation as a site, out/site; all its examples run (five minutes); pages link to
@@ -161,6 +161,7 @@ update: $(READY) $(QUICK)/dataset.json data/defaust/dataset.json data/noisy_25k_
 	-SSHADE_KERNELS=$(CURDIR)/out/kernels $(BIN)/python -m pytest -n 3 --dist loadfile --timeout=600
 	$(BIN)/python -m tools.compile_kernels --update --into out/kernels
 	$(BIN)/sshade-eval check --write
+	$(BIN)/python -m tests.record
 	$(BIN)/python -m docs.pages
 	$(BIN)/python -m docs.pictures
 	$(MAKE) --no-print-directory gallery
