@@ -6,6 +6,8 @@ import tempfile
 from functools import cache
 from pathlib import Path
 
+SAMPLES = Path(__file__).parent / "sshade" / "files" / "samples"
+
 
 def contents(folder: str | Path = ".") -> dict[str, bytes]:
     """Return the content of every file below a folder, hidden files included, by its path in the folder."""
@@ -23,4 +25,4 @@ def scratch() -> Path:
 
 def sample(name: str) -> str:
     """Return the text of a file of ``tests/sshade/files/samples``, with the line ends that it has."""
-    return (Path(__file__).parent / "sshade" / "files" / "samples" / name).read_bytes().decode()
+    return (SAMPLES / name).read_bytes().decode()

@@ -25,6 +25,8 @@ from sshade.files.meshes import read_arrays
 MESHES = (".ply", ".obj", ".off", ".stl", ".glb", ".gltf", ".3mf", ".dae", ".vtp", ".vtu", ".vtk")
 #: Longest text that is recorded as it is, in lines and in characters of a line; others have a digest.
 LINES, LONG = 24, 250
+#: Longest mesh file, in bytes, of which the text is recorded beside the arrays.
+SHORT = 900
 NUMBER = re.compile(r"(?<![A-Za-z_#])[-+]?\d+\.?\d*(?:[eE][-+]?\d+)?")
 #: What differs from run to run or from version to version, and what stands in its place.
 VARYING = (
@@ -141,7 +143,9 @@ def file_lines(path: Path) -> list[str]:
 
 
 def _beside(suffix: str, content: bytes) -> list[str]:
-    """What a mesh file holds beside positions and faces."""
+    """What a mesh file holds beside positions and faces; the whole text if it is short."""
+    if len(content) < SHORT and b"\0" not in content and len(content.splitlines()) <= LINES:
+        return text_lines(content.decode())
     if suffix == ".ply":
         return ["; ".join(content[: content.find(b"end_header")].decode().splitlines()[1:])]
     if suffix == ".glb":

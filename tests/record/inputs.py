@@ -1,18 +1,23 @@
 """Files with which transcripts begin."""
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from sshade import Mesh
+from sshade.files.mesh_file import SUFFIXES
 from sshade.files.meshes import write_mesh
 from sshade.files.task_files import write_handles
+from tests.files import SAMPLES
 from tests.robustness.inputs import BODY, pose, write_sound
+from tests.robustness.working import cut
 from tests.robustness.working import runs as runs
 from tests.shapes import as_obj, bent, end_handles, rotation, strip, torn
 from tests.sshade.mesh.test_cutting import moebius, t_fin
+from tests.write import mesh_ply
 
 V, F = BODY.V, BODY.F
 
@@ -111,3 +116,30 @@ def meshes() -> None:
     Path("meshes").mkdir()
     for k, name in enumerate(("a0", "a1", "b0", "b1", "b2")):
         write_mesh(f"meshes/{name}.ply", bent(V, 0.1 * k), F)
+
+
+def formats() -> None:
+    """Write a body, its files in all formats, cut to half, and files as other programs write them."""
+    write_sound()
+    for suffix in SUFFIXES:
+        write_mesh(f"cut{suffix}", V, F)
+        cut(f"cut{suffix}")
+    for path in SAMPLES.iterdir():
+        shutil.copy(path, ".")
+    handles("all.json", {"boxes": [[[-9, -9, -9], [9, 9, 9]]], "rotation": [0, 0, 0.6, 0.8], "scale": 2})
+    handles("held.json", {"vertices": [0]})
+
+
+def handle_files() -> None:
+    """Write a body, one with an unused vertex, two in systems, and parts and transforms of Implicit-ARAP."""
+    write_sound()
+    write_mesh("spare.ply", np.vstack([[[9, 9, 9]], V]), F + 1)
+    for system, axes in (("LPS", [1, 1, 1]), ("RAS", [-1, -1, 1])):
+        Path(f"{system.lower()}.ply").write_bytes(
+            mesh_ply(V * axes, F, "", comments=[f"comment SPACE={system}"])
+        )
+    order = np.argsort(V[:, 2])
+    parts = {"parts/foot": order[:8], "parts/hand": order[-9:], "transforms/up": order[-9:]}
+    for name, ids in parts.items():
+        Path(name).parent.mkdir(exist_ok=True)
+        np.savetxt(f"{name}.txt", 0.8 * V[ids] / V.max() + 0.1 * (name == "transforms/up"), fmt="%.9g")
