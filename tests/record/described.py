@@ -154,6 +154,8 @@ def _beside(suffix: str, content: bytes) -> list[str]:
         lines = [line for line in described(tree) if not re.search(r"\.(min|max)\b|^buffer", line)]
         numbers = np.frombuffer(content[28 + size : len(content) // 4 * 4], np.float32)
         return [*lines, f"numbers {digest(np.where(np.abs(numbers) < 1e6, numbers, 0))}"]
+    if suffix == ".gltf":
+        return [line for line in described(json.loads(content)) if not re.search(r"\.(min|max|uri)\b", line)]
     if suffix in (".obj", ".off"):
         kinds = [line.split(" ")[0] for line in content.decode().splitlines() if not line[:1].isdigit()]
         found = {kind: kinds.count(kind) for kind in dict.fromkeys(kinds) if not NUMBER.match(kind)}
