@@ -5,8 +5,10 @@ the norm of the weights. Whole numbers have a checksum. Both sums of a shape cha
 change of its coordinates.
 """
 
+import base64
 import csv
 import dataclasses
+import gzip
 import json
 import math
 import re
@@ -137,9 +139,22 @@ def file_lines(path: Path) -> list[str]:
     if suffix in (".png", ".pdf", ".jpg"):
         return ["a picture"]
     if suffix == ".html":  # whose times are among its numbers
-        words = re.sub(r"[\d.,+-]+", "", steady(content.decode()))
-        return [f"{words.count(chr(10))} lines #{zlib.crc32(words.encode()):08x}"]
+        text = content.decode()
+        words = re.sub(r"[\d.,+-]+", "", steady(text))
+        return [f"{words.count(chr(10))} lines #{zlib.crc32(words.encode()):08x}", *figure_lines(text)]
     return text_lines(content.decode())
+
+
+def figure_lines(page: str) -> list[str]:
+    """Return what the page of a figure shows; [] for another page."""
+    cases, *data = re.findall(r'id="turn-(?:cases|data-0)"[^>]*>(.*?)</script>', page, re.DOTALL) or [""]
+    if '"id": "figure"' not in cases:
+        return []
+    packed = gzip.decompress(base64.b64decode(data[0]))
+    return [
+        *described(json.loads(cases)["cases"], "shows"),
+        f"data {digest(np.frombuffer(packed, '<u2') / 1.0)}",
+    ]
 
 
 def _beside(suffix: str, content: bytes) -> list[str]:
@@ -159,7 +174,9 @@ def _beside(suffix: str, content: bytes) -> list[str]:
     if suffix in (".obj", ".off"):
         kinds = [line.split(" ")[0] for line in content.decode().splitlines() if not line[:1].isdigit()]
         found = {kind: kinds.count(kind) for kind in dict.fromkeys(kinds) if not NUMBER.match(kind)}
-        return [f"lines {found}"]
+        beside = re.findall(r"^(?:vt|vn) (.*)", content.decode(), re.MULTILINE)
+        digests = [f"vt and vn {digest(np.array(' '.join(beside).split(), float))}"] if beside else []
+        return [f"lines {found}", *digests]
     if suffix == ".stl":
         return [repr(content[:80].rstrip(b"\0 "))]
     return []

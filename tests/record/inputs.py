@@ -1,23 +1,38 @@
 """Files with which transcripts begin."""
 
 import json
+import os
 import shutil
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from sshade import Mesh
+from sshade import Handles, Mesh
 from sshade.files.mesh_file import SUFFIXES
-from sshade.files.meshes import write_mesh
+from sshade.files.meshes import read_arrays, write_mesh
 from sshade.files.task_files import write_handles
 from tests.files import SAMPLES
+from tests.robustness.case import run
 from tests.robustness.inputs import BODY, pose, write_sound
 from tests.robustness.working import cut
 from tests.robustness.working import runs as runs
-from tests.shapes import as_obj, bent, end_handles, rotation, strip, torn
+from tests.shapes import (
+    as_obj,
+    bent,
+    beside,
+    block,
+    bumpy,
+    end_handles,
+    icosphere,
+    rotation,
+    shifted,
+    strip,
+    torn,
+    tube,
+)
 from tests.sshade.mesh.test_cutting import moebius, t_fin
-from tests.write import mesh_ply
+from tests.write import lines, mesh_ply, obj, rows
 
 V, F = BODY.V, BODY.F
 
@@ -32,7 +47,10 @@ def bodies() -> None:
     write_sound()
     write_mesh("bent.ply", bent(V), F)
     write_mesh("grown.ply", V * [1.1, 1, 1], F)
-    Path("seam.obj").write_text(as_obj(*torn(BODY)[:2]))
+    seam, faces, _ = torn(BODY)
+    Path("seam.obj").write_text(as_obj(seam, faces))
+    write_mesh("seam_bent.ply", bent(seam), faces)
+    write_mesh("aside.ply", V * [1.02, 1, 1] + [9, 0, 0], F)
     order = np.argsort(V[:, 2])
     low, high = order[:8], order[-8:]
     ids, top = low.tolist(), V[high]
@@ -89,12 +107,106 @@ def unusual() -> None:
         write_handles(f"{name}.json", replace(own, index=used[own.index]))
 
 
+def refused() -> None:
+    """Write files that are not what commands take them for."""
+    write_sound()
+    for name in ("pose.txt", "pose.abc", "body.abc", "edited.ply", "rest.mrk.json"):
+        Path(name).touch()
+    Path("syntax.json").write_text('{"handles": [')
+    for name, made in {"quick": {"method": "quick"}, "typo": {"methd": 0}, "weld": {"weld": -1}}.items():
+        handles(f"{name}.json", {"vertices": [1]}, made=made)
+    for folder in ("folder", "folder.ply"):
+        Path(folder).mkdir()
+    os.mkfifo("pipe.ply")
+    Path("null.ply").symlink_to("/dev/null")
+
+
+def unlike() -> None:
+    """Write shapes, proxies, handles and maps that do not belong together."""
+    nan = np.where(np.arange(len(V))[:, None] == 3, np.nan, V)
+    for name, U in {"body": V, "body_1": V, "far": V + 100, "nan": nan, "posed": bent(V)}.items():
+        write_mesh(f"{name}.ply", U, F)
+    write_mesh("turned.ply", V, F[::-1])
+    write_mesh("small.ply", bumpy(0).V, bumpy(0).F)
+    write_mesh("aside.ply", V + [9, 0, 0], F)
+    for space in ("LPS", "RAS"):
+        Path(f"{space}.obj").write_bytes(lines([f"# SPACE={space}"]) + obj(V + [9, 0, 0], F))
+    write_handles("pose.json", Handles([1], V[[1]]))
+    write_handles("two.json", Handles([1, 2], V[[1, 2]], group=[0, 1]))
+    held = {"kind": "fixed", "vertices": [0]}
+    handles("pushed.json", held, {"vertices": [5, 6, 7], "translation": [0, 2000, 0]})
+    handles("grown.json", held, {"vertices": [5, 6, 7], "scale": 1000})
+    np.savetxt("rest.csv", V[:9], delimiter=",")
+    np.savetxt("mm.csv", 1000 * V[:9], delimiter=",")
+    marks = [
+        {"label": f"p{k}", "position": U.tolist()} for k, U in enumerate((V[:5] + [9, 0, 0]) * [-1, -1, 1])
+    ]
+    system = {"coordinateSystem": "RAS", "controlPoints": marks}
+    Path("marks.mrk.json").write_text(json.dumps({"markups": [system]}))
+    run("sshade remesh body.ply -o proxy.ply --map map.npz --vertices 40")
+    W, G = read_arrays("proxy.ply")
+    order = np.random.default_rng(0).permutation(len(W))
+    write_mesh("sorted.ply", W[order], np.argsort(order)[G])
+    write_mesh("same_edges.ply", W, np.roll(G, 1, axis=1)[::-1])
+    write_mesh("missing.ply", np.where(np.arange(len(W))[:, None] == 0, np.nan, W), G)
+    W[G[0, 1]] = W[G[0, 0]]
+    write_mesh("flat.ply", W, G)
+    Path("damaged.ply").write_text("ply\n")
+    Path("damaged.npz").write_bytes(Path("map.npz").read_bytes()[:-100])
+
+
+def told() -> None:
+    """Write meshes and handles about which there is something to say."""
+    write_sound()
+    flat, whole = V.copy(), pose(V)
+    flat[F[100, 1]] = flat[F[100, 0]]
+    write_mesh("flat.ply", flat, F)
+    write_mesh("two.ply", np.vstack([V, V + 9]), np.vstack([F, F + len(V)]))
+    handles("free.json", {"vertices": [0, 9], "translation": [0.3, 0.3, 0.3]})
+    source, apart = V[whole.index[[-1, -1]]] + [[0.01, 0, 0], [-0.01, 0, 0]], [[0, 0.01, 0], [0, -0.01, 0]]
+    turn = {"vertices": whole.index[:1].tolist(), "kind": "dynamic", "rotation": rotation(2).tolist()}
+    handles("merged.json", {"source": source.tolist(), "target": (source + apart).tolist()}, turn)
+    cube = block(np.ones((1, 1, 1)))
+    write_mesh("long.ply", cube.V * [1, 1, 6], cube.F)
+    write_handles("long.json", end_handles(cube.V * [1, 1, 6]))
+    solid = beside(*(shifted(cube, corner) for corner in np.argwhere(np.ones((4, 4, 4)))))
+    corners, number = np.unique(solid.V, axis=0, return_inverse=True)
+    write_mesh("solid.ply", corners, number.ravel()[solid.F])
+    handles("solid.json", {"vertices": [0, 60]}, {"vertices": [124], "scale": 2})
+    ball = icosphere(3)
+    write_mesh("ball.ply", ball.V, ball.F)
+    for name, every in {"dense": 2, "shuffled": 5}.items():
+        ids = np.arange(0, ball.n, every)
+        target = ball.V[ids] + 0.1 * np.sin(2 * ball.V[ids, ::-1])
+        if name == "shuffled":
+            target[:80:4] = np.roll(target[:80:4], 1, axis=0)
+        write_handles(f"{name}.json", Handles(ids, target))
+    part, names = tube(12, 8, length=2.0), ("foot", "leg", "seat", "back", "head")
+    chain = beside(*(shifted(part, [0, 0, 1.7 * k]) for k in range(5)))
+    write_mesh("chain.ply", chain.V, chain.F)
+    groups = [[f"g {name}", *rows("f ", part.F + 1 + k * part.n)] for k, name in enumerate(names)]
+    Path("chain.obj").write_bytes(lines(rows("v ", chain.V), *groups))
+    low = {"name": "low", "kind": "fixed", "vertices": list(range(12))}
+    for name, shift in {"wide": 3.0, "narrow": 0.01}.items():
+        high = {"name": "high", "vertices": list(range(chain.n - 12, chain.n))}
+        handles(f"{name}.json", low, {**high, "translation": [shift, 0, 0]})
+
+
 def companions() -> None:
-    """Write a body, a pose, a shirt on the body and one beside it."""
+    """Write a body, a pose, clothes on the body and beside it, and all of it in millimetres."""
     mesh = Mesh(V * 1.04, F)
     write_sound()
     write_mesh("shirt.obj", mesh.V, mesh.F)
+    write_mesh("hair.glb", mesh.V, mesh.F)
     write_mesh("beside.ply", mesh.V + [2.0, 0, 0], mesh.F)
+    faces = [f"f {a}/1/{i} {b}/1/{i} {c}/1/{i}" for i, (a, b, c) in enumerate((F + 1).tolist(), 1)]
+    head = ["mtllib cloth.mtl", "usemtl cloth", "vt 0.1 0.2"]
+    parts = head, rows("v ", mesh.V), rows("vn ", mesh.face_normals), faces
+    Path("cloth.obj").write_bytes(lines(*parts))
+    write_mesh("large.ply", 1000 * V, F)
+    write_handles("large.json", pose(1000 * V))
+    write_mesh("large_shirt.ply", 1000 * mesh.V + [5, 0, 0], F)
+    write_mesh("large_beside.ply", 1000 * mesh.V + [0, 0, -2000], F)
 
 
 def poses() -> None:

@@ -1,12 +1,35 @@
 """Commands say and write what is recorded; ``python -m tests.record`` records anew what has changed."""
 
+import shlex
+import subprocess
+import sys
+
 import pytest
 
+from tests.record import inputs
 from tests.record.compared import differences
-from tests.record.transcript import played, recorded, transcripts
+from tests.record.transcript import COMMAND, played, recorded, transcripts
 
 
 @pytest.mark.parametrize("name", transcripts())
 def test_commands_say_and_write_what_is_recorded(name, here):
     lines = recorded(name)
     assert not (found := differences(played(lines), lines)), "\n".join(found)
+
+
+@pytest.mark.parametrize("name", transcripts())
+def test_what_is_refused_is_told_in_one_sentence_and_writes_nothing(name):
+    for block in "\n".join(recorded(name)).split(f"\n{COMMAND}"):
+        command, *said = block.strip().splitlines()
+        if said[:1] == ["exit code 2"]:
+            said = [line for line in said[1:] if not line.startswith("err: note: ")]
+            assert len(said) == 1 and said[0].startswith(("err: error: ", "err: 1 lines #")), command
+
+
+def test_what_is_refused_at_once_imports_no_compiler(here):
+    inputs.refused()
+    lines = [shlex.split(line)[2:] for line in recorded("refusals") if line.startswith(COMMAND)]
+    code = "import sys; from sshade.cli.main import main; "
+    code += f"print({{main(line) for line in {lines}}}, 'numba' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.stdout == "{2} False\n", done.stdout + done.stderr

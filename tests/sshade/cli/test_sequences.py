@@ -10,7 +10,6 @@ from scipy.spatial.transform import Rotation
 from sshade import Handles
 from sshade.cli import sequence as command
 from sshade.cli.main import main
-from sshade.core.natural import in_natural_order
 from sshade.files import gltf_morph
 from sshade.files.meshes import read_arrays, write_mesh
 from sshade.files.task_files import write_handles
@@ -47,10 +46,6 @@ def poses(*numbers: int) -> list[str]:
     return [f"pose_{number}.json" for number in (numbers or range(len(STEPS)))]
 
 
-def vertices(name: str) -> list[np.ndarray]:
-    return [read_arrays(path)[0] for path in sorted(Path().glob(name))]
-
-
 def test_the_largest_gaps_of_all_poses_are_told():
     facts = [Facts(gap=0.2, opening=0.1), Facts(gap=0.1, side_gap=0.4, opening=0.3)]
     largest = command._with_largest_gaps(facts)
@@ -71,33 +66,6 @@ def test_the_shapes_of_earlier_poses_are_freed(folder, monkeypatch):
     monkeypatch.setattr(sequence, "solved_poses", watched)
     assert main(["deform", "body.ply", *poses(), "-o", "out_%d.ply", *FAST]) == 0
     assert len(alive) == 4 and max(alive) <= 2
-
-
-def test_numbered_files_hold_the_poses_in_the_order_of_the_numbers_in_their_names(folder, capsys):
-    """Shells put walk_10 before walk_9. The targets of a GLB have the names of the poses."""
-    names = [f"walk_{number}.json" for number in (10, 8, 9, 11)]
-    for name, step in zip(names, (STEPS[2], *STEPS[:2], STEPS[3]), strict=True):
-        Path(f"pose_{STEPS.index(step)}.json").rename(name)
-    assert main(["deform", "body.ply", *names, "-o", "out_%03d.ply", *FAST]) == 0
-    said = capsys.readouterr().err
-    assert "in their names, walk_8.json to walk_11.json" in said
-    assert "out_001.ply to out_004.ply: 4 poses" in said and "handles on target" in said
-    assert sorted(p.name for p in Path().glob("out*")) == [f"out_{n:03}.ply" for n in (1, 2, 3, 4)]
-    for V, step in zip(vertices("out_*.ply"), STEPS, strict=True):
-        np.testing.assert_allclose(V[ENDS.index], targets(step), atol=1e-12)
-    assert main(["deform", "body.ply", "walk_8.json", "-o", "50%.ply", *FAST]) == 0
-    assert Path("50%.ply").read_bytes() == Path("out_001.ply").read_bytes()
-    assert main(["deform", "body.ply", *names[:3], "-o", "out.glb", *FAST]) == 0
-    assert capsys.readouterr().err.count("handles on target") == 2
-    assert read_gltf("out.glb")[0]["meshes"][0]["extras"]["targetNames"] == ["walk_8", "walk_9", "walk_10"]
-    given = [Path(f"{folder}/pose.ply") for folder in ("b", "a12", "a3", "a-3", "c1", "c1")]
-    assert in_natural_order(given) == [given[i] for i in (0, 2, 1, 3, 4, 5)]
-
-
-def test_poses_that_did_not_converge_are_counted(folder, capsys):
-    line = ["deform", "body.ply", *poses(0, 3), "-o", "out_%d.ply", *FAST, "--max-iterations", "1"]
-    assert main(line) == 0
-    assert "note: the iterations of 2 poses did not converge" in capsys.readouterr().err
 
 
 def read_gltf(path: str) -> tuple[dict, list[np.ndarray]]:
