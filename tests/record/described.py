@@ -150,11 +150,10 @@ def figure_lines(page: str) -> list[str]:
     cases, *data = re.findall(r'id="turn-(?:cases|data-0)"[^>]*>(.*?)</script>', page, re.DOTALL) or [""]
     if '"id": "figure"' not in cases:
         return []
-    packed = gzip.decompress(base64.b64decode(data[0]))
-    return [
-        *described(json.loads(cases)["cases"], "shows"),
-        f"data {digest(np.frombuffer(packed, '<u2') / 1.0)}",
-    ]
+    (shown,) = json.loads(cases)["cases"]
+    shown |= {name: np.array(shown[name]) for name in ("handles", "dynamic", "targets")}
+    shown["data"] = np.frombuffer(gzip.decompress(base64.b64decode(data[0])), "<u2") / 1.0
+    return list(described(shown, "shows"))
 
 
 def _beside(suffix: str, content: bytes) -> list[str]:
