@@ -140,7 +140,8 @@ class Options:
         1. Lower it to come nearer to true poses or to soften creases. It chooses `attachment`,
         `proxy_attachment`, `bending` and `strain_limit`, unless they have values of their own.
     proxy_attachment : float
-        Weight of the attachment on the proxy; `attachment` applies to the polish alone.
+        Weight of the attachment on the proxy; `attachment` applies to the polish alone, and only where
+        `joints` is 0.
     proxy_bending : float
         Length over which a fold is spread on the proxy; `bending` applies to the polish alone.
     proxy_stiffness : float
