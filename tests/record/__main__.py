@@ -13,7 +13,7 @@ from pathlib import Path
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from tests.record import transcript, work
-from tests.record.compared import differences
+from tests.record.compared import differences, settled
 
 
 def record(names: list[str]) -> None:
@@ -26,9 +26,11 @@ def record(names: list[str]) -> None:
             with tempfile.TemporaryDirectory() as folder, chdir(folder):
                 found = part.played(before) if part is transcript else part.played(name)
             if changes := differences(found, before):
-                path.write_text("\n".join(found) + "\n", "utf-8")
+                path.write_text("\n".join(settled(found, before)) + "\n", "utf-8")
                 print(f"{path.relative_to(Path.cwd())}: {len(changes)} lines of differences")  # noqa: T201
 
 
 if __name__ == "__main__":
+    if not work.TELLS_KERNELS:
+        sys.exit("records are written with Python 3.11, which tells of the calls of kernels")
     record(sys.argv[1:])

@@ -51,13 +51,16 @@ def _near(word: str, other: str, *, digest: bool, counts: bool) -> bool:
     )
 
 
+def settled(lines: Sequence[str], recorded: Sequence[str]) -> list[str]:
+    """Return the lines, with the recorded ones in the place of those that say the same."""
+    if len(lines) == len(recorded):
+        return [old if same(new, old) else new for new, old in zip(lines, recorded, strict=True)]
+    known: dict[str, list[str]] = {}
+    for old in recorded:
+        known.setdefault(NUMBER.sub("0", old), []).append(old)
+    return [next((o for o in known.get(NUMBER.sub("0", new), ()) if same(new, o)), new) for new in lines]
+
+
 def differences(lines: Sequence[str], recorded: Sequence[str]) -> list[str]:
     """Return the lines that differ from the recorded ones, as a diff; [] if none does."""
-    if len(lines) == len(recorded):
-        lines = [old if same(new, old) else new for new, old in zip(lines, recorded, strict=True)]
-    else:  # lines that are the same but for numbers are paired
-        known = {}
-        for old in recorded:
-            known.setdefault(NUMBER.sub("0", old), []).append(old)
-        lines = [next((o for o in known.get(NUMBER.sub("0", new), ()) if same(new, o)), new) for new in lines]
-    return list(unified_diff(recorded, lines, "recorded", "found", lineterm="", n=1))
+    return list(unified_diff(recorded, settled(lines, recorded), "recorded", "found", lineterm="", n=1))
