@@ -31,6 +31,6 @@ def record(names: list[str]) -> None:
 
 
 if __name__ == "__main__":
-    if not work.TELLS_KERNELS:
-        sys.exit("records are written with Python 3.11, which tells of the calls of kernels")
+    if not work.COUNTS:
+        sys.exit("records are written with Python 3.11, which counts all calls")
     record(sys.argv[1:])

@@ -20,16 +20,15 @@ from types import CodeType
 import sshade
 from tests.record import scenes
 from tests.record.described import described, steady
-from tools.compile_kernels import LIST
 
 HERE = Path(__file__).parent / "python"
 ROOT = str(Path(sshade.__file__).parents[1]) + os.sep
 PACKAGES = tuple(f"{ROOT}{package}{os.sep}" for package in ("sshade", "baselines", "defaust", "eval"))
 #: Modules of helpers, and the least lines of a function whose calls are recorded.
 HELPERS, LEAST = f"{ROOT}sshade{os.sep}core{os.sep}", 5
-#: Names of the kernels. Python tells a profiler of their calls up to 3.11.
-KERNELS = {".".join(line.split()[:2]) for line in LIST.read_text("utf-8").splitlines()}
-TELLS_KERNELS = sys.version_info < (3, 12)
+#: Whether calls are counted. From Python 3.12 on, profilers hear nothing of kernels, and two threads may compute
+#: a cached property.
+COUNTS = sys.version_info < (3, 12)
 #: Functions of other libraries that take long.
 HEAVY = {"splu", "eigsh", "eigh", "svd", "lstsq", "expm", "ConvexHull", "Delaunay", "dijkstra", "min_weight"}
 
@@ -42,7 +41,7 @@ def transcripts() -> list[str]:
 def recorded(name: str) -> list[str]:
     """Return the recorded lines of a scene, as far as this Python can repeat them."""
     lines = (HERE / f"{name}.txt").read_text("utf-8").splitlines()
-    return [line for line in lines if TELLS_KERNELS or line.partition(" calls ")[2] not in KERNELS]
+    return [line for line in lines if COUNTS or " calls " not in line]
 
 
 def played(name: str) -> list[str]:
@@ -58,8 +57,9 @@ def played(name: str) -> list[str]:
         peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
-    lines += ["", *(f"{count} calls {function}" for function, count in sorted(calls.items()))]
-    return [*lines, "", f"peak of {peak / 2**20:.2f} megabytes"]
+    if COUNTS:
+        lines += [f"{count} calls {function}" for function, count in sorted(calls.items())]
+    return [*lines, f"peak of {peak / 2**20:.2f} megabytes"]
 
 
 @cache
