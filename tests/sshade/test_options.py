@@ -1,34 +1,12 @@
 from dataclasses import fields, replace
-from math import inf, nan
+from math import inf
 
 import numpy as np
 import pytest
 
 from sshade import InputError
 from sshade.problem import options as module
-from sshade.problem.options import GROUPS, PRESETS, REGIONS, Options, accepted, as_row, described, resolve
-from tests.refusals import refusals
-
-WRONG = [("tolerance", nan), ("max_iterations", 2.5), ("max_iterations", True), ("coarser", 0)]
-WRONG += [("volume", -1.0), ("volume", "much"), ("stiffness", 0.0), ("attachment", inf), ("start", "rigd")]
-
-
-@pytest.mark.parametrize(("name", "value"), WRONG)
-def test_a_value_out_of_range_is_refused_with_the_range(name, value):
-    with pytest.raises(InputError) as error:
-        resolve("fast", {name: value})
-    assert str(error.value).startswith(f"{name} must be {described()[name].values}, not {value!r}")
-
-
-NAMES = {
-    "did you mean 'volume'": lambda: resolve("fast", {"volum": 2}),
-    "the options are vertices, ": lambda: resolve("fast", {"zzz": 2}),
-    "'fine' has no use for the option 'samplings'": lambda: resolve("fine", {"samplings": 2}),
-    "use 'paper', 'fast', 'fine', 'interpolate'": lambda: resolve("x", {"volume": 2}),
-    "'paper_plain' here; did you mean 'paper'": lambda: resolve("paper_plain", {"volume": 2}),
-}
-
-test_a_name_that_a_method_does_not_take_is_refused_with_the_right_one = refusals(NAMES)
+from sshade.problem.options import GROUPS, PRESETS, REGIONS, Options, accepted, described, resolve
 
 
 def test_none_is_the_methods_own_value_and_numbers_of_numpy_are_numbers():
@@ -65,13 +43,6 @@ def test_detail_chooses_the_values_of_the_polish_from_smooth_to_least_stretch():
         resolve("fine", {"detail": 1.5})
 
 
-def test_the_guide_is_off_without_attachment_on_the_proxy_unless_asked_for():
-    assert resolve("fast", {"attachment": 0}).guide_attachment == 0
-    assert resolve("fine", {"attachment": 0}).guide_attachment > 0
-    assert resolve("fine", {"proxy_attachment": 0}).guide_attachment == 0
-    assert resolve("fast", {"attachment": 0, "guide_attachment": 2}).guide_attachment == 2
-
-
 def test_each_option_is_in_one_group_and_has_an_effect_and_a_help():
     grouped = [name for names in GROUPS.values() for name in names]
     assert sorted(grouped) == sorted({name for method in PRESETS for name in accepted(method)})
@@ -82,15 +53,6 @@ def test_each_option_is_in_one_group_and_has_an_effect_and_a_help():
         for name in accepted(method):
             value = getattr(PRESETS[method], name)
             assert value is None or described()[name].checked(name, value) == value
-
-
-def test_a_row_has_the_plain_values_of_what_the_method_takes():
-    row = as_row(resolve("fast", {"frames": print, "volume": 0.5}))
-    assert row["volume"] == 0.5 and row["area"] == inf and "frames" not in row
-    assert set(row) == set(accepted("fast")) - {"frames"}
-    row = as_row(resolve("paper", {"proxy_method": print}))
-    assert "vertices" in row and not {"proxy_method", "tolerance", "volume", "accelerate"} & set(row)
-    assert as_row(resolve("paper", {"accelerate": False}))["accelerate"] is False
 
 
 def test_the_typed_keywords_are_the_options():

@@ -12,8 +12,6 @@ import trimesh
 import sshade
 from sshade import InputError
 from sshade.cli.main import main
-from sshade.files.by_library import WRITABLE
-from sshade.files.mesh_file import SUFFIXES
 from sshade.files.meshes import read_arrays, read_file, write_file, write_mesh
 from tests.shapes import bumpy, rotation, unjoined
 
@@ -122,35 +120,6 @@ def test_meshes_of_a_scene_stand_where_it_shows_them(here):
     parts = zip(np.split(file.V, 3), np.split(file.F, 3), strict=True)
     volumes = [sshade.Mesh(own, faces - faces.min()).volume for own, faces in parts]
     np.testing.assert_allclose(volumes, BODY.volume, rtol=1e-9)
-
-
-@pytest.mark.parametrize("suffix", [suffix for suffix in WRITABLE if suffix not in SUFFIXES])
-def test_the_command_says_what_is_lost(here, suffix, capsys):
-    surface().save("b.vtp")
-    Path("pose.json").write_text('{"handles": [{"vertices": [0, 1, 2, 3, 4]}]}')
-    assert main(f"deform b.vtp pose.json -o c{suffix} --vertices 60".split()) == 0
-    lost = f"note: c{suffix} loses the point data and cell data of b.vtp: only positions and faces are "
-    lost += "written; a .vtp or .vtk file keeps all"
-    assert (lost in capsys.readouterr().err) == (suffix not in (".vtp", ".vtk"))
-    assert len(read_arrays(f"c{suffix}")[1]) == len(F)
-
-
-def test_all_commands_and_meshes_that_go_along_take_them(sound, capsys):
-    body = read_arrays("body.ply")
-    write_mesh("body.vtp", *body)
-    write_mesh("shirt.vtu", *body)
-    box().save("box.vtu")
-    for command in (
-        "deform body.vtp pose.json -o a_%02d.vtp",
-        "deform body.vtp pose.json -o a.vtp --with shirt.vtu",
-        "remesh body.vtp -o p.vtp --map m.npz",
-        "carry body.vtp m.npz p.vtp -o c.3mf",
-        "transfer-pose body.vtp a.vtp body.vtp -o t.vtk",
-    ):
-        assert main(command.split() + ["--vertices", "60"] * ("carry" not in command)) == 0
-    assert len(read_arrays("a_shirt.vtu")[1]) == len(body[1])
-    assert main(["deform", "body.vtp", "pose.json", "-o", "b.vtp", "--with", "box.vtu"]) == 2
-    assert "box.vtu: cannot be written again with all its contents; save" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("kind", ["body", "unused vertex", "soup"])

@@ -9,9 +9,6 @@ import pytest
 import trimesh
 from PIL import Image
 
-import sshade
-from sshade.cli.main import main
-from sshade.edit.document import Document
 from sshade.files.meshes import read_arrays, read_file, write_file, write_mesh
 from tests.files import sample
 from tests.shapes import as_obj, icosphere
@@ -189,41 +186,3 @@ def test_names_with_backslashes_are_names_in_folders(here, name):
     assert Path("out/maps/skin.png").read_bytes() == b"an image"
     assert Path("out/maps/skin.mtl").exists() == (name == "a.obj")
     assert file.notes == (("its material file maps\\b.mtl is not there",) if name == "a.obj" else ())
-
-
-OBJ_OF = "{}\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
-
-
-@pytest.mark.parametrize(
-    ("text", "old", "new"),
-    [
-        (OBJ_OF, "mtllib maps/one.mtl two.mtl", "mtllib ../in/maps/one.mtl ../in/two.mtl"),
-        (OBJ_OF, "mtllib one.mtl # by a program", "mtllib ../in/one.mtl # by a program"),
-        (OBJ_OF, "mtllib not there.mtl", "mtllib ../in/not there.mtl"),
-        (OBJ_OF, "mtllib C:\\models\\one.mtl", "mtllib C:\\models\\one.mtl"),
-        (OBJ_OF, "mtllib /models/one.mtl", "mtllib /models/one.mtl"),
-        (MESHLAB.replace("skin of it.png", "{}"), "skin of it.png", "../in/skin of it.png"),
-    ],
-)
-def test_files_that_are_not_there_are_named_from_the_new_place(here, text, old, new):
-    suffix = ".obj" if text == OBJ_OF else ".ply"
-    for name in ("in", "out"):
-        Path(name).mkdir()
-    Path(f"in/a{suffix}").write_text(text.format(old))
-    file = read_file(f"in/a{suffix}")
-    write_file(f"out/a{suffix}", file, file.V)
-    assert Path(f"out/a{suffix}").read_text() == text.format(new)
-
-
-def test_the_notes_of_a_file_are_told_by_commands_python_and_the_editor(here, capsys):
-    """Each line of a vertex has one more value than the header declares."""
-    body = icosphere(1)
-    note = f"further values than the header declares stay as they are: {body.n} lines, from line 10"
-    declared = mesh_ply(body.V, body.F, "", vertex=columns("uchar", "more", np.ones((body.n, 1))))
-    Path("a.ply").write_bytes(declared.replace(b"property uchar more\n", b""))
-    assert main(["remesh", "a.ply", "-o", "b.ply", "--map", "map.npz", "--vertices", "30"]) == 0
-    assert capsys.readouterr().err.count(f"note: a.ply: {note}\n") == 1
-    with pytest.warns(UserWarning, match=f"a.ply: {note}"):
-        V, F = sshade.read("a.ply")
-    assert np.array_equal(V, body.V) and np.array_equal(F, body.F)
-    assert Document(Path("a.ply")).notes == (note,)

@@ -294,44 +294,6 @@ def test_normals_that_are_also_positions_or_those_of_other_positions_get_numbers
         assert np.allclose(arrays(new, data)[number], expected, atol=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        ({"skins": [{"joints": [0]}]}, "a skin, which cannot be deformed: apply the pose of the skeleton"),
-        ({f"{PRIMITIVE}.targets": [{"POSITION": 0}]}, "morph targets, .* apply them, or export without them"),
-        ({"extensionsUsed": ["EXT_mesh_gpu_instancing"]}, "export each instance as a node"),
-        ({"extensionsUsed": ["KHR_draco_mesh_compression"]}, "compressed"),
-        ({f"{PRIMITIVE}.mode": 1, "meshes.1.primitives.0.mode": 0}, "no triangles"),
-        ({f"{PRIMITIVE}.mode": 7}, "the unknown mode 7"),
-        ({"extensionsUsed": ["KHR_meshopt_compression"], "buffers": [{"byteLength": 9}] * 2}, "compressed"),
-        ({"accessors.0.sparse": {"count": 1}}, "sparse positions, .* export it again without them"),
-        ({"accessors.4.sparse": {"count": 1}}, "sparse positions, normals or triangles, "),
-        ({"nodes": [{"mesh": 0, "scale": [1, 0, 1]}], "scenes": [{"nodes": [0]}]}, "a scale of zero"),
-        ({"nodes": [{"mesh": 0, "children": [0]}], "scenes": [{"nodes": []}]}, "their own ancestors"),
-        ({"nodes": [{}], "scenes": [{"nodes": [0]}]}, "no triangles"),
-        ({"nodes": ["x"]}, "its nodes are no list of objects"),
-        ({"meshes": {"a": {}}}, "its meshes are no list of objects"),
-        ({"meshes": []}, "a.glb: it has no mesh"),
-        ({"meshes": [{"primitives": 3}]}, "an entry has a wrong type"),
-        ({"asset.version": "1.0"}, "it is a file of glTF 1.0, and only glTF 2.0 is read"),
-        ({"asset": 3}, "it names no version of glTF"),
-        ({"buffers.0.byteLength": 10**9}, "bytes of the"),
-        ({"buffers.0.uri": "gone.bin"}, "its buffer gone.bin is missing"),
-        ({"bufferViews.0.byteLength": 8}, "reaches out of its view"),
-        ({"accessors.1.byteOffset": 9999}, "its accessor 1 reaches out of its view"),
-        ({"bufferViews.0.byteStride": 8, f"{PRIMITIVE}.attributes": {"POSITION": 0}}, "overlap each other"),
-        ({f"{PRIMITIVE}.attributes.POSITION": ...}, "no positions"),
-        ({f"{PRIMITIVE}.attributes.POSITION": 3}, "POSITION is no VEC3"),
-        ({f"{PRIMITIVE}.attributes.POSITION": 9}, "one of its entries is missing"),
-        ({"accessors.4.componentType": 5126, "accessors.4.count": 12}, "no whole numbers"),
-        ({"accessors.4.bufferView": 0, "accessors.4.count": 9}, "refers to vertex"),
-    ],
-)
-def test_files_that_cannot_be_deformed_are_refused(here, changes, words):
-    with pytest.raises(InputError, match=words):
-        stored(*exported(**changes))
-
-
 def test_a_glb_of_version_1_is_refused(here):
     Path("a.glb").write_bytes(glb(*exported()).replace(b"\2", b"\1", 1))
     with pytest.raises(InputError, match=r"a file of glTF 1, and only glTF 2\.0"):

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from sshade import Handles, InputError, Mesh, deform, read_handles
-from sshade.files.handle_files import read_handle_file
+from sshade import Handles, InputError, Mesh, read_handles
 from sshade.files.meshes import write_mesh
 from sshade.files.task_files import read_task, write_handles
 from sshade.mesh.rigid import rigid_motion
@@ -100,74 +99,8 @@ def test_the_centroid_does_not_depend_on_seams(here, body, weld):
         assert np.allclose(task.handles.target, (at - center) @ R.T + center, rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize("kind", [{}, {"kind": "static"}])
-def test_a_rotation_alone_beside_vertices_prescribes_the_rotation_of_the_surface(here, body, kind):
-    R = rotation(4)
-    handles = placed(body, {"vertices": [5], "rotation": R.tolist(), **kind})
-    assert np.array_equal(handles.rotation, R[None]) and np.array_equal(handles.target, body.V[[5]])
-
-
 BOX = {"boxes": [[[-9, -9, -9], [9, 9, 9]]]}
 TURN = np.eye(3).tolist()
-#: An entry of a handle file, and words of its refusal.
-ENTRIES = [
-    ({"boxes": [[[9, 9, 9], [10, 10, 10]]]}, "entry 0: no vertex lies in its boxes; the mesh spans -"),
-    ({"boxes": [[[0, 0, 0], [1, 1, np.nan]]]}, '"boxes" has a NaN or infinite position'),
-    ({**BOX, "vertices": [1]}, 'either as "vertices", as "source" or as "boxes"'),
-    ({**BOX, "target": [[0, 0, 0]]}, '"boxes" have no "target"'),
-    ({**BOX, "kind": "dynamic"}, 'it is dynamic and has no "rotation" or'),
-    ({**BOX, "rotation": [[1, 0], [0, 1]]}, '"rotation" must be three rows of three numbers'),
-    ({**BOX, "rotation": (-np.eye(3)).tolist()}, "and its determinant be 1"),
-    ({**BOX, "rotation": (2 * np.eye(3)).tolist()}, "its rows must have length 1 and be perpendicular, and"),
-    ({**BOX, "rotation": [0, 0, 0, 2]}, "a quaternion has length 1, not 2"),
-    ({**BOX, "translation": [[0, 0, 0]]}, '"translation" must be three numbers'),
-    ({**BOX, "rotation": TURN, "center": "middle"}, '"center" must be .* or "centroid", not "middle"'),
-    ({"vertices": [1], "center": [0, 0, 0]}, '"center" needs a "rotation" or a "scale"'),
-    ({"name": [], "vertices": [1]}, 'entry 0: "name" must be a name'),
-    ({"kind": "free", "vertices": [1]}, "unknown kind 'free'; use fixed, moved or unused"),
-    (1, "entry 0: it is no JSON object"),
-    ({"vertices": [10**9]}, r"0\.\.\d+, not 1000000000"),
-    ({"vertices": [1], "target": [[0, 0, 0]], "translation": [1, 0, 0]}, 'as "target" or as "translation"'),
-    ({"vertices": [1, 2], "target": [[0, 0, 0]]}, "2 handles have 1 target; each needs one"),
-    ({"kind": "unused", "vertces": [1]}, "no key \"vertces\"; did you mean 'vertices'"),
-    ({"vertices": [1], "k\n\ud800" + 999 * "k": 1}, r'no key "k\\n\\ud800k+";'),
-]
-
-
-#: A whole file, and words of its refusal.
-DOCUMENTS = [
-    (b'{"handles": [{"vertices": [1]}], "handels": 3}', "pose.json: .* \"handels\"; did you mean 'handles'"),
-    (b'{"handels": []}', 'pose.json: expected an object with a list "handles"'),
-    (b'{"handles": [{"kind": "unused"}]}', "pose.json: there are no handles"),
-    (b'{"handles": "\xff\xff"}', "not readable as JSON .it is neither UTF-8 nor UTF-16 text"),
-    *((json.dumps({"handles": [entry]}).encode(), words) for entry, words in ENTRIES),
-]
-
-
-@pytest.mark.parametrize(("document", "words"), DOCUMENTS)
-def test_a_mistake_is_refused_in_the_words_of_the_file(here, body, document, words):
-    Path("pose.json").write_bytes(document)
-    with pytest.raises(InputError, match=words):
-        read_handles("pose.json", body)
-
-
-@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16"])
-def test_files_of_other_systems_are_read(here, encoding):
-    Path("a.json").write_bytes('{"handles": [{"landmark": "Fu\u00df", "vertices": [7]}]}'.encode(encoding))
-    assert read_handle_file("a.json").groups[0].name == "Fu\u00df"
-
-
-def test_both_vocabularies_are_read(here, body):
-    """A file in the words name, fixed and moved equals the file in the words landmark, static and dynamic."""
-    for name, fixed, moved in (("name", "fixed", "moved"), ("landmark", "static", "dynamic")):
-        handles = placed(
-            body,
-            {name: "foot", "kind": fixed, "vertices": [1, 2], "translation": [0, 0, 1]},
-            {name: "hand", "kind": moved, "vertices": [7, 8], "target": [[0, 0, 1], [0, 1, 1]]},
-        )
-        assert [group.name for group in read_handle_file("pose.json").groups] == ["foot", "hand"]
-        assert handles.dynamic.tolist() == [False] * 2 + [True] * 2
-        assert np.array_equal(handles.target, [*body.V[[1, 2]], [0, 0, 1], [0, 1, 1]])
 
 
 HUGE = 10**400
@@ -191,21 +124,6 @@ def test_odd_values_are_refused_in_one_sentence(here, body, entry):
             assert "\n" not in message and len(message) < 300, (key, value)
 
 
-@pytest.mark.parametrize("groups", [1, 2])
-@pytest.mark.parametrize("by", ["vertices", "source"])
-def test_targets_of_one_vertex_may_differ_by_a_millionth_of_the_diagonal(here, body, by, groups):
-    at = body.V[5]
-    place = [5, 5] if by == "vertices" else [at.tolist()] * 2
-
-    def read(gap: float) -> Handles:
-        target = [at.tolist(), (at + [gap * body.diagonal, 0, 0]).tolist()]
-        return placed(body, *({by: place[i::groups], "target": target[i::groups]} for i in range(groups)))
-
-    assert len(read(9e-7)) == 1
-    with pytest.raises(InputError, match="contradictory targets"):
-        read(2.2e-6)
-
-
 def test_targets_of_copies_may_differ_as_far_from_the_origin_as_single_precision_does(here):
     V, F, seam = torn(shifted(bumpy(2), [100, -3, 1]))
     V = V.astype(np.float32)
@@ -221,12 +139,6 @@ def test_targets_of_copies_may_differ_as_far_from_the_origin_as_single_precision
         else:
             with pytest.raises(InputError, match=words):
                 read_task("far.glb", handles=path)
-
-
-def test_unused_groups_are_skipped_and_group_numbers_count_entries(here, body):
-    unused = {"kind": "unused", "vertices": [10**9], "source": "nonsense"}
-    handles = placed(body, unused, {"kind": "static", "vertices": [4]})
-    assert handles.index.tolist() == [4] and handles.group.tolist() == [1]
 
 
 def test_written_handles_read_back_the_same(here, body):
@@ -249,22 +161,6 @@ def test_written_handles_read_back_the_same(here, body):
     assert np.array_equal(raw.target[np.argsort(raw.index)], moved.target[a])
     # Groups are renumbered. A group with static and dynamic handles becomes two groups.
     assert back.group[b][np.argsort(a)].tolist() == [0, 0, 1, 1, 1, 2, 3, 3]
-
-
-def test_a_task_is_made_of_what_of_a_file_is_a_surface(here):
-    """The file has an unused first vertex, a face that repeats a vertex, and a body without handles."""
-    body = bumpy(1)
-    V = np.concatenate([[[9.0, 9, 9]], body.V, body.V + 5])
-    F = np.concatenate([body.F + 1, [[1, 1, 2]], body.F + 1 + body.n])
-    write_mesh("bodies.ply", V, F)
-    write_handles("pose.json", Handles([1, 5], V[[1, 5]]))
-    task = read_task("bodies.ply", handles="pose.json")
-    assert np.array_equal(task.mesh.V, V[1:]) and task.handles.index.tolist() == [0, 4]
-    result = deform(task, vertices=30)
-    assert result.facts.unconstrained == 1 and np.abs(result.vertices - V[1:]).max() < 1e-6
-    for vertex, words in (0, "entry 0: vertex 0 belongs to no face"), (85, r"must lie in 0\.\.84, not 85"):
-        with pytest.raises(InputError, match=words):
-            read_task("bodies.ply", handles=str(put({"vertices": [1, vertex]})))
 
 
 @pytest.mark.parametrize("amount", [0.0, 0.5, 2.0])
@@ -291,12 +187,3 @@ def test_an_amount_moves_handles_a_part_of_the_way(here, body, amount):
     for turn in (rigid_motion(a, b)[0], part.rotation[part.has_rotation][0]):
         assert np.trace(turn) == pytest.approx(1 + 2 * np.cos(amount * angle))
         assert turn @ R == pytest.approx(R @ turn)
-
-
-@pytest.mark.parametrize(
-    ("amount", "words"),
-    [(-0.1, "from 0 to 2, not"), (np.nan, "from 0 to 2, not"), (2, "the scale 0.4 cannot be exceeded 2")],
-)
-def test_an_amount_out_of_range_is_refused(here, body, amount, words):
-    with pytest.raises(InputError, match=words):
-        placed(body, {"vertices": [0], "scale": 0.4}, amount=amount)

@@ -1,15 +1,11 @@
 """Landmark files of other programs: each kind, pairs of kinds, correspondence by name, and refusals."""
 
 import json
-import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-import sshade
-from sshade import InputError
-from sshade.cli.main import main
 from sshade.files.landmarks import read_landmarks
 
 NAMES = ["nasion", "left eye", "right eye", "chin"]
@@ -101,74 +97,3 @@ def test_a_target_is_converted_if_both_files_have_systems_and_they_differ(here, 
     known = FILES[rest][2] and FILES[target][2]
     assert np.array_equal(source, in_file(rest))
     assert np.array_equal(found, source if known else in_file(target))
-
-
-def test_landmarks_correspond_by_name_if_both_files_have_names(here):
-    Path("target.csv").write_text(lines(POINTS[::-1], NAMES[::-1], ","))
-    for rest, found in (("a.csv", POINTS), ("bare.csv", POINTS[::-1])):
-        Path(rest).write_text(FILES[rest][0])
-        assert np.array_equal(read_landmarks(Path(rest), Path("target.csv"))[2], found)
-
-
-def test_two_landmark_files_deform_a_mesh(sound, capsys):
-    V, F = sshade.read("body.ply")
-    chosen = np.array([0, 5, 20, 30])
-    target = V[chosen] + [[0, 0, 0.1], [0, 0, 0], [0, 0, 0], [0, 0.05, 0]]
-    Path("rest.mrk.json").write_text(markups(V[chosen].tolist(), NAMES))
-    Path("target.fcsv").write_text(fiducials((target * MIRROR)[::-1], NAMES[::-1], "RAS"))
-    line = ["body.ply", "rest.mrk.json", "target.fcsv"]
-    assert main(["deform", *line, "-o", "out.ply", "--vertices", "60"]) == 0
-    assert "4 handles on target" in capsys.readouterr().err
-    np.testing.assert_allclose(sshade.read("out.ply").V[chosen], target, rtol=0, atol=1e-12)
-    assert main(["show", *line, "out.ply", "-o", "page.html"]) == 0
-    handles = sshade.read_handles("rest.mrk.json", sshade.Mesh(V, F), target="target.fcsv")
-    assert np.array_equal(handles.index, chosen) and handles.group.tolist() == [0, 1, 2, 3]
-    assert handles.dynamic.tolist() == [True, False, False, True]
-
-
-def test_landmarks_that_wait_to_be_placed_in_both_files_are_skipped(here):
-    for name, points in (("a.mrk.json", POINTS), ("b.mrk.json", POINTS + 1)):
-        marks = json.loads(markups(points, NAMES))
-        for mark in marks["markups"][0]["controlPoints"][1:3]:
-            mark |= {"positionStatus": "undefined", "position": [0, 0, 0]}
-        Path(name).write_text(json.dumps(marks))
-    names, source, target, _ = read_landmarks(Path("a.mrk.json"), Path("b.mrk.json"))
-    assert names == [NAMES[0], NAMES[3]] and np.array_equal(source, POINTS[[0, 3]])
-    assert np.array_equal(target, POINTS[[0, 3]] + 1)
-    Path("none.mrk.json").write_text(markups(POINTS, NAMES, status="undefined"))
-    with pytest.raises(InputError, match=r"none.mrk.json: it has no landmarks"):
-        read_landmarks(Path("none.mrk.json"), Path("none.mrk.json"))
-    with pytest.raises(InputError, match="none.mrk.json: landmark 0 'nasion' has no position, which b"):
-        read_landmarks(Path("none.mrk.json"), Path("b.mrk.json"))
-
-
-#: Content of the target beside a sound file a.csv of the rest shape, and words of the refusal.
-BAD = {
-    "short.csv": (lines(POINTS[:3], NAMES[:3], ","), "a.csv has 4 landmarks, and short.csv has 3; each"),
-    "other.csv": (lines(POINTS, "abcd", ","), "there is no landmark 'nasion', which a.csv has"),
-    "twice.csv": (lines(POINTS, "aacd", ","), "twice.csv: two landmarks have the name 'a'"),
-    "nan.csv": ("chin,nan,0,0\n", "nan.csv: landmark 0 'chin' has a NaN or infinite position"),
-    "word.txt": ("1 2 z\n", "word.txt: landmark 0 has no position of three numbers"),
-    "few.csv": ("name,x,y,z\nnasion,1,2\n", "few.csv: landmark 0 has 3 values"),
-    "none.csv": ("# nothing\n", "none.csv: it has no landmarks"),
-    "broken.pp": ("<PickedPoints>", "broken.pp: not a readable landmark file (no element found"),
-    "roi.mrk.json": ('{"markups": [{}]}', "not a readable landmark file (it has no 'controlPoints')"),
-    "unset.mrk.json": (markups(POINTS, NAMES, status="undefined"), "landmark 0 'nasion' has no position"),
-    "ijk.fcsv": (fiducials(POINTS, NAMES, "2"), "the coordinate system '2' is unknown; use LPS or RAS"),
-}
-
-
-@pytest.mark.parametrize("name", BAD)
-def test_bad_landmarks_are_refused_in_one_sentence(here, name):
-    content, words = BAD[name]
-    Path("a.csv").write_text(FILES["a.csv"][0])
-    Path(name).write_text(content)
-    with pytest.raises(InputError, match=rf"\A[^\n]*{re.escape(words)}[^\n]*\Z"):
-        read_landmarks(Path("a.csv"), Path(name))
-
-
-@pytest.mark.parametrize("files", ["a.csv", "a.csv a.csv a.csv", "pose.json a.csv"])
-def test_landmark_files_come_in_pairs(sound, files, capsys):
-    Path("a.csv").write_text(FILES["a.csv"][0])
-    assert main(f"deform body.ply {files} -o out_%02d.ply".split()) == 2
-    assert "two landmark files (.csv, .txt, .mrk.json, .fcsv, .pp, .particles)" in capsys.readouterr().err

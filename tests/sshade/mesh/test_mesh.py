@@ -16,22 +16,9 @@ from sshade.mesh.normals import NORMALS, SMOOTH, smooth_groups, turned, vertex_t
 from sshade.mesh.quality import NEAR, NearParts, surface_points
 from sshade.mesh.rigid import common_motion, rigid_motion
 from sshade.mesh.unconstrained import contacts, leaders
-from tests.refusals import refusals
 from tests.shapes import beside, block, bumpy, icosphere, rotation, shifted, tetrahedron, tube, unjoined
 
 TRIANGLE = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
-FAR = np.array([[5.0, 5, 5], [6, 6, 6]])
-
-
-UNUSABLE = {
-    r"\(n, 3\).*\(9,\)": lambda: Mesh(np.zeros(9), [[0, 1, 2]]),
-    r"\(m, 3\).*\(3,\)": lambda: Mesh(TRIANGLE, [0, 1, 2]),
-    "2 vertices belong to no face.*leaves them out": lambda: Mesh(np.r_[FAR, TRIANGLE], [[2, 3, 4]]),
-    "scale it to between 1e-60 and 1e": lambda: Mesh(1e61 * TRIANGLE, [[0, 1, 2]]),
-    r"scale it to between 1e-60 and 1e\+60": lambda: Mesh(1e-61 * TRIANGLE, [[0, 1, 2]]),
-}
-
-test_unusable_arrays_are_refused_with_a_remedy = refusals(UNUSABLE)
 
 
 def test_areas_normals_volume_and_diagonal_of_a_block_are_exact():

@@ -15,7 +15,6 @@ from sshade.files.open_shape import open_shape
 from sshade.mesh import places
 from sshade.mesh.places import same_places, same_rows
 from sshade.mesh.surface import single_steps, surface
-from tests.refusals import refusals
 from tests.shapes import beside, icosphere, jittered, quads, shifted, strip, unjoined
 from tests.sshade.mesh.test_cutting import moebius
 from tests.write import mesh_ply, obj
@@ -126,14 +125,6 @@ def test_the_tolerance_decides_which_gaps_close():
 
 
 SLIVERS = strip(30, 1)
-REFUSED = {
-    "weld is a fraction of the diagonal": lambda: surface(SPHERE.V, SPHERE.F, weld=0.1),
-    "all 3 faces are points": lambda: surface(np.zeros((9, 3)), np.arange(9).reshape(3, 3)),
-    "all 60 faces have two corners at one": lambda: surface(SLIVERS.V * [1, 0, 1], SLIVERS.F, repair=True),
-}
-
-
-test_what_leaves_no_surface_is_refused = refusals(REFUSED)
 
 
 def test_slivers_are_a_surface():
