@@ -26,8 +26,8 @@ ROOT = str(Path(sshade.__file__).parents[1]) + os.sep
 PACKAGES = tuple(f"{ROOT}{package}{os.sep}" for package in ("sshade", "baselines", "defaust", "eval"))
 #: Modules of helpers, and the least lines of a function whose calls are recorded.
 HELPERS, LEAST = f"{ROOT}sshade{os.sep}core{os.sep}", 5
-#: Whether calls are counted. From Python 3.12 on, profilers hear nothing of kernels, and two threads may compute
-#: a cached property.
+#: Whether calls are counted. From Python 3.12 on, profilers hear nothing of kernels, and two threads may
+#: compute a cached property.
 COUNTS = sys.version_info < (3, 12)
 #: Functions of other libraries that take long.
 HEAVY = {"splu", "eigsh", "eigh", "svd", "lstsq", "expm", "ConvexHull", "Delaunay", "dijkstra", "min_weight"}
