@@ -138,9 +138,9 @@ def file_lines(path: Path) -> list[str]:
         return lines if len(lines) <= LINES else text_lines("\n".join(lines))
     if suffix in (".png", ".pdf", ".jpg"):
         return ["a picture"]
-    if suffix == ".html":  # whose times are among its numbers
+    if suffix == ".html":  # whose times are among its numbers, and in its charts
         text = content.decode()
-        words = re.sub(r"[\d.,+-]+", "", steady(text))
+        words = re.sub(r"[\d.,+-]+", "", re.sub(r"<svg.*?</svg>", "<chart>", steady(text), flags=re.DOTALL))
         return [f"{words.count(chr(10))} lines #{zlib.crc32(words.encode()):08x}", *figure_lines(text)]
     return text_lines(content.decode())
 
