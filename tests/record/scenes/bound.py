@@ -1,6 +1,12 @@
 """Bound meshes: drags, sequences, transfers, and bindings that are saved."""
 
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
 from sshade import (
+    DeformationTask,
     Deformer,
     Mesh,
     TransferTask,
@@ -9,10 +15,12 @@ from sshade import (
     load_binding,
     move_along,
     save_binding,
+    transfer_pose,
 )
 from sshade.method.transfer import transfer
-from tests.record.scenes.scene import BODY, LIMB, Values, patches, scene
-from tests.shapes import bent
+from tests.record.scenes.scene import BODY, LIMB, Values, outcomes, patches, scene, solved
+from tests.shapes import bent, beside, bumpy, moved_parts, rotation, shifted, torn
+from tests.sshade.mesh.test_cutting import moebius, t_fin
 
 
 @scene
@@ -41,13 +49,101 @@ def drag_of_fine_and_paper() -> Values:
         yield f"{method} settled", bound.settle()
 
 
+#: Tasks and options of drags.
+SMALL = bumpy(3)
+REGIONS = patches(SMALL, count=200)
+DRAGGED = {
+    "soft": (patches(SMALL, weights=[np.inf, 3.0]), {}),
+    "turned": (patches(SMALL, 1, rotations=[None, rotation(4)]), {"joints": 0}),
+    "regions": (REGIONS, {"volume_goal": 1.1}),
+    "samplings": (patches(SMALL, count=8), {"method": "paper", "samplings": 2}),
+    "published": (patches(SMALL, count=8), {"method": "paper", "accelerate": False}),
+    "fine": (REGIONS, {"method": "fine", "polish_iterations": 5}),
+    "two": (patches(beside(SMALL, shifted(SMALL, [4, 0, 0]), shifted(bumpy(2), [0, 4, 0])), count=8), {}),
+    "fin": (patches(t_fin(6), count=8), {}),
+    "band": (patches(moebius(40), count=8), {}),
+}
+
+
+@outcomes
+def drags() -> Values:
+    """Drags of all kinds: into an array, without an iteration, back, settled and solved."""
+    for name, (task, options) in DRAGGED.items():
+        own, rest = task.handles, task.mesh.V[task.handles.index]
+        bound = Deformer(task.mesh, own.index, group=own.group, weight=own.weight, vertices=150, **options)
+        out = np.empty_like(task.mesh.V)
+        for share in (0.2, 0.4, 0.6):
+            target = rest + share * (own.target - rest)
+            yield name, bound.step(target, tolerance=1e-4, max_iterations=4, out=out).vertices
+        yield f"{name} turned", bound.step(target, rotations=own.rotation).vertices
+        yield f"{name} at once", bound.step(own.target, max_iterations=0).vertices
+        yield f"{name} to the end", bound.step(own.target, tolerance=0, max_iterations=9).iterations
+        yield f"{name} settled", bound.settle(out=out)
+        yield f"{name} array", out
+        yield f"{name} judged", str(bound.quality(out))
+        yield f"{name} solved", bound.solve(rest, guess=out).vertices
+        yield f"{name} settled again", bound.settle().vertices
+        yield f"{name} solved again", bound.solve(own).facts
+        yield f"{name} judged again", str(bound.quality(out))
+
+
+@outcomes
+def rebinds() -> Values:
+    """Other handles of a bound mesh: soft ones, one that is no sample, regions before points, and copies."""
+    many, few = REGIONS.handles, patches(SMALL, count=5).handles
+    soft = replace(few, weight=np.where(few.dynamic, 20.0, np.inf))
+    one = moved_parts(SMALL.V, (few.index[:5], 0), ([411], [0.4, 0, -0.3]))
+    for name, first, *others in (("ends", patches(SMALL).handles, soft, one), ("regions", many, few)):
+        bound = Deformer(SMALL, first.index, group=first.group, vertices=400, coarser=1)
+        bound.step(first.target)
+        for number, own in enumerate(others):
+            bound.rebind(own.index, group=own.group, weight=own.weight)
+            yield f"{name} {number}", [bound.step(own.target).vertices for _ in range(3)]
+            yield f"{name} {number} settled", bound.settle().vertices
+            yield f"{name} {number} solved", bound.solve(own.target).vertices
+    V, F, seam = torn(SMALL)
+    copies = np.concatenate([1 + few.index, seam[:2], SMALL.n + 1 + np.arange(2)])
+    bound = Deformer(V, F, copies, vertices=150)
+    turns = np.concatenate([np.full((10, 3, 3), np.nan), [rotation(1)] * 4])
+    yield "copies", [bound.step(V[copies], rotations=turns).vertices, bound.settle().vertices]
+    yield "copies solved", bound.solve(V[copies], rotations=turns).vertices
+
+
 @scene
 def sequence() -> Values:
-    task = patches(count=8)
+    yield from posed(patches(count=8))
+
+
+def posed(task: DeformationTask, **options: Any) -> Values:
     rest, target = task.mesh.V[task.handles.index], task.handles.target
     poses = [rest + share * (target - rest) for share in (0.2, 0.4, 3.0, 0.5)]
-    for number, result in enumerate(deform_sequence(task, poses, vertices=300)):
+    for number, result in enumerate(deform_sequence(task, poses, vertices=300, **options)):
         yield f"pose {number}", result
+
+
+@outcomes
+def sequences() -> Values:
+    yield from posed(patches(SMALL, 4, rotations=[None, rotation(4)], weights=[np.inf, 5.0]))
+    yield from posed(patches(beside(SMALL, shifted(SMALL, [4, 0, 0])), count=8))
+    yield from posed(REGIONS, method="fine", polish_iterations=3)
+
+
+@scene
+def memory_of_samplings() -> Values:
+    mesh = bumpy(5)
+    more: dict[str, Any] = {"vertices": 100, "samplings": 12, "workers": 1}
+    yield "transfer", transfer_pose(mesh, bent(mesh.V), **more).vertices
+    yield from solved(patches(mesh, 40), method="paper", max_iterations=3, **more)
+
+
+@scene
+def memory_of_a_drag() -> Values:
+    """Steps into an array, of a mesh that is large beside its proxy, and clothes of many vertices."""
+    task = patches(bumpy(5), 8)
+    bound, out = Deformer(task.mesh, task.handles.index, vertices=60), np.empty_like(task.mesh.V)
+    for _ in range(3):
+        yield "step", bound.step(task.handles.target, out=out).vertices
+    yield "along", move_along(SMALL, bent(SMALL.V), np.tile(1.03 * SMALL.V, (20, 1)))
 
 
 @scene

@@ -1,16 +1,66 @@
 """Deformations: methods, options, handles and surfaces of all kinds."""
 
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+import trimesh
 
-from sshade import (
-    DeformationTask,
-    Handles,
-)
-from tests.record.scenes.scene import BODY, LIMB, Values, patches, scene, solved
-from tests.shapes import bent, beside, bumpy, end_handles, rotation, shifted, strip
+import sshade
+from baselines.arap import arap as arap
+from sshade import DeformationResult, DeformationTask, Handles, Mesh
+from sshade.mesh.adjacency import vertex_graph
+from sshade.problem.options import Options as Options
+from sshade.problem.options import Stop as Stop
+from sshade.proxy.along import moved_with_distance as moved_with_distance
+from sshade.proxy.fronts import Fronts, farthest_point_sampling
+from sshade.regions.handle_regions import are_dense as are_dense
+from sshade.regions.handle_regions import has_regions as has_regions
+from tests.record.scenes.scene import BODY, LIMB, Values, outcomes, patches, scene, solved
+from tests.shapes import bent, beside, bumpy, end_handles, rotation, shifted, strip, torn, unjoined
+from tests.shapes import torus as torus
+from tests.shapes import tube as tube
 from tests.sshade.mesh.test_cutting import moebius, t_fin
+
+#: What the calls of the table use.
+SMALL = bumpy(2)
+ENDS = end_handles(SMALL.V, count=8, shift=[0.3, 0, 0.2])
+B, BC = ENDS.index, ENDS.target
+TASK = DeformationTask("body", SMALL, ENDS)
+TURN = rotation(4)
+PAIR = beside(SMALL, shifted(SMALL, [9, 0, 0]))
+SPLIT = trimesh.Trimesh(*torn(SMALL)[:2], process=False)
+SOUP = trimesh.Trimesh(unjoined(SMALL).V, unjoined(SMALL).F, process=False)
+NEARER = beside(SMALL, Mesh(SMALL.V[[10, 50, 90]], [[0, 1, 2]]))
+
+
+def halfway(task: DeformationTask, **_: Any) -> DeformationResult:
+    """A method of a user, which moves handles by half their way."""
+    V = task.mesh.V.copy()
+    V[task.handles.index] += 0.5 * (task.handles.target - V[task.handles.index])
+    return DeformationResult(V, iterations=3, converged=None)
+
+
+def all_over(share: float, target: np.ndarray) -> DeformationTask:
+    """A task whose handles are random vertices."""
+    index = np.random.default_rng(3).permutation(SMALL.n)[: int(share * SMALL.n)]
+    return DeformationTask("all over", SMALL, Handles(index, target[index]))
+
+
+def sampled(count: int, first: list[int]) -> Fronts:
+    return farthest_point_sampling(vertex_graph(strip(4, 3)), count, first=np.array(first, dtype=np.int64))
+
+
+@outcomes
+def calls() -> Values:
+    """What the calls of a table return, or the sentence with which they are refused."""
+    names = {name: getattr(sshade, name) for name in sshade.__all__} | globals()
+    for call in Path(__file__).with_name("calls.txt").read_text("utf-8").splitlines():
+        try:
+            yield call, eval(call, names)
+        except (TypeError, ValueError) as error:
+            yield call, f"{type(error).__name__}: {error}"
 
 
 @scene

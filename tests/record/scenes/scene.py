@@ -14,11 +14,19 @@ Values = Iterator[tuple[str, Any]]
 BODY = bumpy(4)
 LIMB = tube(30, 80, length=7.0)
 SCENES: dict[str, Callable[[], Values]] = {}
+#: Scenes whose calls and memory are not recorded.
+ONCE: set[str] = set()
 
 
 def scene(function: Callable[[], Values]) -> Callable[[], Values]:
     SCENES[function.__name__] = function
     return function
+
+
+def outcomes(function: Callable[[], Values]) -> Callable[[], Values]:
+    """A scene of many small calls, of which only what they give is recorded."""
+    ONCE.add(function.__name__)
+    return scene(function)
 
 
 def patches(mesh: Mesh = BODY, count: int = 12, turn: float = 0.5, **more: Any) -> DeformationTask:
@@ -32,7 +40,10 @@ def patches(mesh: Mesh = BODY, count: int = 12, turn: float = 0.5, **more: Any) 
 
 
 def solved(task: DeformationTask, **options: Any) -> Values:
-    seen: list[str] = []
-    report = lambda stage, *_: seen.append(stage) if stage not in seen else None  # noqa: E731
-    result = deform(task, progress=report, **options)
-    yield from {"result": result, "progress": seen}.items()
+    ended: dict[str, bool] = {}
+
+    def report(stage: str, done: int, total: int, note: str = "") -> None:
+        ended[stage] = done == total
+
+    yield "result", deform(task, progress=report, **options)
+    yield "progress", ended

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from baselines.accelerated import local_global
-from sshade import DeformationResult, DeformationTask, Handles, InputError, Mesh, bind, deform
+from sshade import DeformationResult, DeformationTask, Handles, InputError, Mesh, deform
 from sshade.solver.laplacian import SLACK, half_cotangents
 from tests.shapes import QUARTER, beside, bumpy, end_handles, held_ends, rotation, shifted, torn
 from tests.sshade.method.calls import METHODS, fast, fine, paper
@@ -146,46 +146,6 @@ def test_what_is_no_part_of_the_surface_stays_and_seams_move_as_one():
     assert np.array_equal(U[1 + BODY.n :], U[seam])
     # The faces may have another order, because a copy may replace the original. Only rounding differs.
     assert np.abs(U[1 : BODY.n + 1] - deform(BODY, B, BC, vertices=60).V).max() < 1e-9 * BODY.diagonal
-
-
-def paper_with(**options):
-    return deform(TASK, method="paper", vertices=60, **options)
-
-
-def loses_a_vertex(task, **_):
-    return DeformationResult(task.mesh.V[1:], iterations=1, converged=True)
-
-
-@pytest.mark.parametrize(
-    ("call", "error", "words"),
-    [
-        (lambda: deform(BODY, B, BC, method=lambda task: None), TypeError, "returned NoneType, not a Deform"),
-        (lambda: deform(TASK, method=loses_a_vertex), ValueError, r"vertices of shape \(\d+, 3\) for"),
-        (lambda: deform(in_scene(TRIMESH, TRIMESH), B, BC), InputError, r"2 meshes; pass scene.to_mesh\(\)"),
-        (lambda: deform(in_scene(), B, BC), InputError, "has 0 meshes"),
-        (lambda: deform(in_scene(trimesh.PointCloud(BODY.V)), B, BC), InputError, "is no triangle mesh"),
-        (lambda: deform(pyvista.Cube(), [0], [[0, 0, 0]]), InputError, r"pass its .triangulate\(\)"),
-        (lambda: deform(PAIR, B, BC, refuse_unconstrained=True), InputError, "no handle.*leave --refuse"),
-        (lambda: deform(BODY.V, V=BODY.V, F=BODY.F, b=B, bc=BC), TypeError, "V"),
-        (lambda: deform(BODY, B), TypeError, "a mesh and 1 more argument was given"),
-        (lambda: deform(BODY.V, BODY.F, B), TypeError, "vertices and 2 more arguments"),
-        (lambda: deform(TASK, B), TypeError, "a task has handles"),
-        (lambda: deform("body.ply", B, BC), TypeError, "'body.ply' is a path; read the file"),
-        (lambda: deform(BODY, BODY.V[1:, 0] > 0, BC), InputError, "a mask with a value a vertex, not bool"),
-        (lambda: deform(BODY, B, BC[1:]), InputError, r"16 handles need targets of shape \(16, 3\)"),
-        (lambda: deform(BODY, B + BODY.n, BC), InputError, "out of range: the mesh has 162"),
-        (lambda: deform(BODY, B - 99, BC), InputError, "negative"),
-        (lambda: deform(BODY.V[:, :2], BODY.F, B, BC), InputError, r"\(n, 3\)"),
-        (lambda: deform(BODY.V, BODY.F + 0.5, B, BC), InputError, "integers"),
-        (lambda: paper_with(frames="affine"), InputError, "must be triangle or blended, not 'affine'"),
-        (lambda: paper_with(proxy_method=loses_a_vertex), InputError, "shape"),
-        (lambda: bind(BODY, 60, frames="x"), InputError, "unknown frames"),
-        (lambda: deform(*unclean()[:2], [0], BC[:1]), InputError, "handle vertex 0 belongs to no face"),
-    ],
-)
-def test_what_does_not_fit_is_refused(call, error, words):
-    with pytest.raises(error, match=words):
-        call()
 
 
 ROUND, SMALL = bumpy(3), bumpy(2)

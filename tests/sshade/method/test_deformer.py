@@ -1,10 +1,5 @@
 """Bind once, deform many times."""
 
-import sys
-import threading
-import tracemalloc
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import trimesh
@@ -14,8 +9,7 @@ from sshade import DeformationTask, Deformer, Handles, InputError, Mesh, deform
 from sshade.core.threads import ThreadTeam
 from sshade.method import piece as piece_module
 from sshade.problem.options import GROUPS
-from sshade.solver import system as system_module
-from tests.shapes import beside, bumpy, end_handles, moved_parts, of_all, rotation, shifted, tube
+from tests.shapes import beside, bumpy, end_handles, moved_parts, rotation, shifted, tube
 from tests.sshade.mesh.test_cutting import moebius, t_fin
 from tests.sshade.method.calls import fast
 
@@ -192,71 +186,6 @@ def test_rotations_may_come_and_go_in_a_drag():
     assert np.linalg.norm(back - still, axis=1).max() < 1e-3 * mesh.diagonal
 
 
-def rebound(mesh, held, index) -> Deformer:
-    drag = Deformer(mesh, held, vertices=150)
-    drag.step(mesh.V[held])
-    drag.rebind(index)
-    return drag
-
-
-REFUSED = {
-    "no method 'fin' here; did you mean 'fine'": lambda mesh, held: Deformer(mesh, held, method="fin"),
-    "no use for the option 'proxy_method'": lambda mesh, held: Deformer(mesh, held, proxy_method=print),
-    "given twice": lambda mesh, held: Deformer(mesh, [1, 1]),
-    "handle ids must be integers": lambda mesh, held: rebound(mesh, held, [0.7, 5.9]),
-    "nothing to settle: no targets": lambda mesh, held: Deformer(mesh, held, vertices=150).settle(),
-    "nothing to settle": lambda mesh, held: rebound(mesh, held, held[:8]).settle(),
-}
-
-
-@pytest.mark.parametrize("words", REFUSED)
-def test_what_a_drag_cannot_do_is_refused(mesh, held, words):
-    with pytest.raises(InputError, match=words):
-        REFUSED[words](mesh, held)
-
-
-def test_a_single_handle_that_is_no_sample_is_met():
-    """The surface turns sharply, so a target at the nearest sample alone would not bring the handle there."""
-    mesh = tube(40, 120, length=7.0)
-    order = np.argsort(mesh.V[:, 2])
-    drag = Deformer(mesh, order[:20], vertices=600, joints=0)
-    samples = drag._pieces[0].kept[0].sampling.samples
-    top = mesh.V[:, 2] > 0.8 * mesh.V[:, 2].max()
-    new = np.flatnonzero(top & ~np.isin(np.arange(mesh.n), samples))[7]
-    own = moved_parts(mesh.V, (order[:20], 0), ([new], [2.0, 0.0, -1.5]))
-    drag.rebind(own.index, group=own.group)
-    off = [np.linalg.norm(drag.step(own.target).vertices[new] - own.target[-1])]
-    settled = drag.settle().vertices
-    assert np.linalg.norm(settled[new] - own.target[-1]) < 1e-4 * mesh.diagonal
-    for share in np.linspace(1, 0.5, 11):
-        aim = mesh.V[own.index] + share * (own.target - mesh.V[own.index])
-        off.append(np.linalg.norm(drag.step(aim, tolerance=1e-4).vertices[new] - aim[-1]))
-    assert max(off) < 2e-3 * mesh.diagonal
-
-
-@pytest.mark.parametrize("weight", [np.inf, 20.0])
-def test_other_handles_are_taken_without_binding_anew(weight):
-    mesh = tube(40, 120, length=7.0)
-    z = mesh.V[:, 2]
-    low, high = np.argsort(z)[:20], np.argsort(z)[-20:]
-    ends = moved_parts(mesh.V, (low, 0), (high, [0.4, 0, 0]))
-    others = moved_parts(mesh.V, (low, 0), (np.argsort(np.abs(z - z.mean()))[:20], [0.5, 0, 0]))
-    drag = Deformer(mesh, ends.index, group=ends.group, vertices=600)
-    own = {"group": others.group, "weight": weight}
-    drag.step(ends.target)
-    drag.rebind(others.index, **own)
-    drag.step(others.target)
-    moved = drag.step(others.target, tolerance=1e-7).vertices
-    anew = Deformer(mesh, others.index, **own, vertices=600).step(others.target, tolerance=1e-7).vertices
-    assert np.linalg.norm(moved - anew, axis=1).max() < 0.03 * mesh.diagonal
-    off = np.linalg.norm(moved[others.index] - others.target, axis=1).max()
-    assert off < (0.01 if weight == np.inf else 0.05) * mesh.diagonal
-    drag.rebind(ends.index, group=ends.group)
-    drag.step(mesh.V[ends.index])
-    still = drag.step(mesh.V[ends.index], tolerance=1e-7).vertices
-    assert np.abs(still - mesh.V).max() < 1e-4 * mesh.diagonal
-
-
 def test_a_reset_forgets_where_rebound_handles_missed_their_targets(mesh, held, drag):
     others = np.setdiff1d(np.argsort(mesh.V[:, 2])[[*range(12), *range(-12, 0)]], held)
     drag.rebind(others)
@@ -284,52 +213,6 @@ def test_handles_that_cannot_be_rebound_leave_everything_as_it_was(mesh, held, m
     np.testing.assert_array_equal(drag.step(lifted(mesh, held, 0.3)).vertices, before)
 
 
-def test_iterations_are_counted_over_all_solves_where_handles_are_regions():
-    mesh = bumpy(4)
-    grown = end_handles(mesh.V, count=int(0.3 * mesh.n), turn=1.2 * np.eye(3))
-    options = {"vertices": 150, "tolerance": 0.0, "max_iterations": 8}
-    assert fast(DeformationTask("grown", mesh, grown), **options).iterations == 8
-    assert Deformer(mesh, grown.index, **options).step(grown.target).iterations == 8
-
-
-def test_all_components_follow_a_drag_and_settle_where_deform_ends():
-    """Two bodies are bent, a third one turns with its handles, and one without handles goes along."""
-    body, step = bumpy(3), np.array([4.0, 0, 0])
-    mesh = beside(body, shifted(body, step), shifted(body, 2 * step), shifted(body, [0.0, 3.5, 0]))
-    own = [end_handles(body.V, count=12), end_handles(body.V, count=12, shift=[0, 0.3, 0.2])]
-    placed = [replace(one, target=one.target + k * step) for k, one in enumerate(own)]
-    turn = moved_parts(body.V + 2 * step, (own[0].index, [0, 0, 0.7]))
-    handles = of_all((placed[0], 0), (placed[1], body.n), (turn, 2 * body.n))
-    group = np.unique(np.stack([handles.group, handles.index // body.n]), axis=1, return_inverse=True)[1]
-    task = DeformationTask("four", mesh, replace(handles, group=group))
-    drag = Deformer(mesh, handles.index, group=group, vertices=600)
-    rest = mesh.V[handles.index]
-    for share in np.linspace(0.1, 1, 10):
-        result = drag.step(rest + share * (handles.target - rest), tolerance=1e-4)
-    assert np.abs(result.vertices[handles.index] - handles.target).max() < 1e-9
-    out = np.empty_like(mesh.V)
-    end, once = drag.settle(out=out).vertices, deform(task, vertices=600).vertices
-    assert np.linalg.norm(end - once, axis=1).max() < 3e-3 * mesh.diagonal
-    third = slice(2 * body.n, 3 * body.n)
-    assert np.abs(end[third] - mesh.V[third] - [0, 0, 0.7]).max() < 1e-9
-    assert np.linalg.norm(end[3 * body.n :] - mesh.V[3 * body.n :], axis=1).min() > 0
-    assert end is out
-    drag.reset()
-    first = Deformer(mesh, handles.index, group=group, vertices=600).step(handles.target).vertices
-    assert drag.step(handles.target, out=out).vertices is out
-    np.testing.assert_array_equal(out, first)
-
-
-def test_the_steps_of_fine_are_those_of_its_proxy_and_settling_polishes(mesh, held):
-    target = lifted(mesh, held, 0.3)
-    drag = Deformer(mesh, held, method="fine", vertices=150)
-    assert drag.step(target).facts.proxy_iterations is None
-    settled = drag.settle()
-    assert settled.facts.proxy_iterations > 0
-    once = deform(DeformationTask("t", mesh, Handles(held, target)), method="fine", vertices=150)
-    assert np.linalg.norm(settled.vertices - once.vertices, axis=1).max() < 2e-2 * mesh.diagonal
-
-
 def test_a_drag_of_a_large_mesh_carries_with_threads(mesh, held, monkeypatch):
     teams = []
     monkeypatch.setattr(piece_module, "ThreadTeam", lambda count: teams.append(count) or ThreadTeam(count))
@@ -340,71 +223,6 @@ def test_a_drag_of_a_large_mesh_carries_with_threads(mesh, held, monkeypatch):
         assert max(teams) == threads
 
 
-def test_a_drag_factorises_once_and_keeps_its_pairs(mesh, held, monkeypatch):
-    made = []
-    factorised = system_module.Factorised
-    drag = Deformer(mesh, held, vertices=150)
-    drag.step(lifted(mesh, held, 0.2))
-    monkeypatch.setattr(system_module, "Factorised", lambda *a: made.append(1) or factorised(*a))
-    targets = [lifted(mesh, held, lift) for lift in (0.21, 0.22, 0.23)]
-    iterations = [drag.step(target, tolerance=1e-4).iterations for target in targets]
-    assert not made and max(iterations) <= 6
-
-
-#: What depends on the rest shape alone, and what depends on the handle vertices as well, by their names.
-OF_THE_MESH = {"sample_proxy", "bind_proxy", "OrderedMesh.__init__", "touching", "cut_to_manifold"}
-OF_THE_HANDLES = {"splu", "_cs_matrix._matmul_sparse", "Fronts.__init__", "VertexMaps.at_rest", "harmonic"}
-OF_THE_HANDLES |= {"Mesh.__init__", "HandleRegions.__init__", "Attachment.__init__", "Descent.project"}
-
-
-def called(work) -> set[str]:
-    """Return the names of the functions that are called."""
-    names = set[str]()
-
-    def note(frame, event, _):
-        if event == "call":
-            names.add(frame.f_code.co_qualname)
-
-    threading.setprofile(note)
-    sys.setprofile(note)
-    try:
-        work()
-    finally:
-        sys.setprofile(None)
-        threading.setprofile(None)
-    return names
-
-
-@pytest.mark.parametrize("name", ["bumpy", "soft", "regions"])
-def test_what_does_not_depend_on_targets_is_made_once(name):
-    drag, task = bound_and_task(name, joints=0)
-    mesh, own = task.mesh, task.handles
-    rest = mesh.V[own.index]
-    steps = iter(rest + np.linspace(0, 0.5, 12)[:, None, None] * (own.target - rest))
-    for _ in range(3):
-        drag.step(next(steps), tolerance=1e-4)
-    made = called(lambda: drag.step(next(steps), tolerance=1e-4))
-    assert "Bound.step" in made and not made & (OF_THE_MESH | OF_THE_HANDLES)
-    drag.solve(own.target)
-    # The guide of a solve is a system of its own.
-    assert not called(lambda: drag.solve(next(steps))) & OF_THE_MESH - {"OrderedMesh.__init__"}
-    few = np.isin(own.index, drag._pieces[0].kept[0].sampling.samples)
-    taken = {"group": own.group[few], "weight": own.weight[few]}
-    assert not called(lambda: drag.rebind(own.index[few], **taken)) & OF_THE_MESH
-
-
-def test_a_step_into_an_array_takes_no_memory_for_the_vertices():
-    mesh = bumpy(5)
-    own, out = end_handles(mesh.V, count=8, shift=[0.2, 0, 0]), np.empty_like(mesh.V)
-    drag, peak = Deformer(mesh, own.index, vertices=60), {}
-    for share, given in ((0.1, None), (0.2, None), (0.3, out)):
-        tracemalloc.start()
-        drag.step(mesh.V[own.index] + share * (own.target - mesh.V[own.index]), out=given)
-        peak[given is out] = tracemalloc.get_traced_memory()[1]
-        tracemalloc.stop()
-    assert peak[True] < peak[False] - 0.8 * out.nbytes
-
-
 def test_a_result_is_not_overwritten_by_the_next_one(mesh, held):
     drag = Deformer(mesh, held, vertices=150)
     first = drag.step(lifted(mesh, held, 0.2)).vertices
@@ -412,15 +230,3 @@ def test_a_result_is_not_overwritten_by_the_next_one(mesh, held):
     drag.step(lifted(mesh, held, 0.4))
     drag.settle()
     np.testing.assert_array_equal(first, kept)
-
-
-def test_nothing_of_the_first_regions_is_left_where_a_deformer_takes_other_handles(mesh):
-    regions, others = end_handles(mesh.V, share=0.1), end_handles(mesh.V, count=5, shift=[0.2, 0, 0.1])
-    drag = Deformer(mesh, regions.index, group=regions.group, vertices=mesh.n, coarser=1)
-    drag.step(regions.target)
-    drag.rebind(others.index, group=others.group)
-    for _ in range(3):
-        drag.step(others.target)
-    V, once = drag.settle().vertices, deform(DeformationTask("t", mesh, others), vertices=mesh.n, coarser=1)
-    assert np.abs(V[others.index] - others.target).max() < 2e-3 * mesh.diagonal
-    assert np.linalg.norm(V - once.vertices, axis=1).max() < 0.03 * mesh.diagonal

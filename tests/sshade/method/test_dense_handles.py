@@ -10,7 +10,6 @@ from sshade import DeformationTask, Handles, Mesh, deform
 from sshade.interpolation.dense_handles import interpolate_handles
 from sshade.interpolation.splines import fit_splines, interpolate, neighbours
 from sshade.regions.handle_regions import are_dense
-from tests.refusals import refusals
 from tests.shapes import bent, beside, icosphere, rotation
 
 BODY = Mesh(icosphere(4).V * [2.0, 1.0, 0.7], icosphere(4).F)
@@ -93,20 +92,6 @@ def test_handles_all_over_the_surface_are_dense_and_regions_are_not():
 def test_a_mesh_that_is_no_manifold_is_interpolated():
     bowtie = Mesh(BODY.V, np.concatenate([BODY.F, [[0, 900, 1800]]]))
     assert off(deform(task(bent, 300, mesh=bowtie), method="interpolate"), bent, bowtie) < 2e-3
-
-
-def interpolated(**changes):
-    return deform(task(bent, **changes), method="interpolate")
-
-
-REFUSED = {
-    "takes hard handles; leave out weights and rotations": lambda: interpolated(weight=3.0),
-    "takes hard handles": lambda: interpolated(rotation=np.broadcast_to(np.eye(3), (400, 3, 3))),
-    "needs handles at four places; there are 3": lambda: deform(task(bent, 3), method="interpolate"),
-    "no use for the option 'volume'": lambda: deform(task(bent), method="interpolate", volume=0.0),
-}
-
-test_other_handles_and_options_are_refused = refusals(REFUSED)
 
 
 def test_a_node_as_far_from_all_centres_has_a_share_of_one():

@@ -1,6 +1,5 @@
 """What paper, fast and fine promise: samplings, goals for the volume, proxies, and the polish."""
 
-import tracemalloc
 import weakref
 from threading import Barrier
 
@@ -10,13 +9,11 @@ from scipy.spatial.transform import Rotation
 
 import sshade
 from baselines.accelerated import local_global
-from baselines.deformation_graph.deformation_graph import deformation_graph
 from sshade import (
     DeformationResult,
     DeformationTask,
     Deformer,
     Handles,
-    InputError,
     Mesh,
     bind,
     transfer_pose,
@@ -27,7 +24,7 @@ from sshade.problem.options import PRESETS, SOLVER
 from sshade.proxy.bind import proxy_vertices, shared_vertices
 from sshade.proxy.triangle import TriangleFrames
 from sshade.regions.handle_regions import edge_vertices
-from tests.shapes import bent, beside, bumpy, end_handles, moved_parts, shifted, tube
+from tests.shapes import bent, beside, bumpy, end_handles, moved_parts, shifted
 from tests.sshade.method.calls import fast, fine, paper
 
 POLISH = {name: getattr(PRESETS["fine"], name) for name in SOLVER}
@@ -82,20 +79,6 @@ def test_a_polish_frees_the_result_of_the_proxy(task, monkeypatch):
     monkeypatch.setattr(polish, "solve", solved)
     fine(task, vertices=100, polish_iterations=1)
     assert left[0] is None
-
-
-@pytest.mark.parametrize("most", [50, 0])
-def test_stages_are_reported_in_order_each_to_its_end(task, most):
-    stages: dict[str, tuple[int, int]] = {}
-
-    def progress(stage, done, total, _=""):
-        stages[stage] = done, total
-
-    result = fine(task, vertices=600, polish_iterations=most, progress=progress)
-    assert (result.iterations == 0 and result.converged is None) == (most == 0)
-    assert result.facts.proxy_iterations > 0  # of the proxy, not of the polish
-    assert list(stages) == ["proxy", "polish", "regions"]
-    assert all(done == total for done, total in stages.values())
 
 
 def ends(mesh: Mesh) -> DeformationTask:
@@ -196,53 +179,6 @@ def test_goals_are_reached_with_handles_on_their_targets(name, method):
     assert result.facts.volume_goal_error < WHOLE and result.facts.options["volume_goal"] == 1.1
 
 
-def test_a_goal_limits_the_weight_of_the_area_unless_it_is_given():
-    def shape(**options):
-        return sshade.deform(task_of(BODY), volume_goal=1.3, **options).vertices
-
-    found, whole = shape(), shape(area=1.0)
-    assert np.array_equal(found, shape(area=0.1))
-    assert Mesh(found, BODY.F).face_areas.sum() > 1.005 * Mesh(whole, BODY.F).face_areas.sum()
-
-
-@pytest.mark.parametrize("name", ["closed", "regions"])
-def test_a_drag_keeps_a_goal(name):
-    mesh = MESHES[name]
-    task = task_of(mesh, count=150 if name == "regions" else 12)
-    drag = Deformer(mesh, task.handles.index, volume_goal=1.1)
-    rest, target = mesh.V[task.handles.index], task.handles.target
-    for step in (0.5, 1.0):
-        drag.step(rest + step * (target - rest), tolerance=1e-4)
-    drag.settle()
-    assert ratio(mesh, drag.settle().vertices) == pytest.approx(1.1, rel=WHOLE)
-
-
-BAD = {
-    "an endless goal": (BODY, {"volume_goal": np.inf}, "volume_goal must be a number above 0"),
-    "no weight": (BODY, {"volume_goal": 1.1, "volume": 0}, "volume_goal needs a weight"),
-    "an open mesh": (tube(16, 40), {"volume_goal": 1.1}, "needs a closed surface, and this one has a bound"),
-    "an open component": (
-        beside(BODY, shifted(tube(16, 40), [6.0, 0, 0])),
-        {"volume_goal": 1.1},
-        "the component of 640 vertices around vertex 642 cannot be deformed: volume_goal needs a closed",
-    ),
-    "a flat mesh": (Mesh(BODY.V * [0, 1, 1], BODY.F), {"volume_goal": 1.1}, "this surface is flat"),
-}
-
-
-@pytest.mark.parametrize("name", BAD)
-def test_bad_goals_are_refused_in_one_sentence(name):
-    mesh, options, words = BAD[name]
-    task = task_of(mesh, count=40)
-    with pytest.raises(InputError, match=words):
-        sshade.deform(task, **options)
-    with pytest.raises(InputError):
-        Deformer(mesh, task.handles.index, **options)
-
-
-TASK = DeformationTask("body", BODY, end_handles(BODY.V, share=0.02, shift=[0, 0, 0.2]))
-
-
 def test_a_quarter_of_the_mesh_at_most_and_room_for_the_handles():
     """And no more than the mesh has. So few that the sampling refuses them stay so few."""
     n = [24_000, 23_999, 4802, 1000, 302, 4, 5000]
@@ -266,36 +202,6 @@ def test_a_quarter_of_the_mesh_at_most_and_room_for_the_handles():
 def test_components_share_by_area_what_they_can_use(asked, area, shares):
     least, most = np.array([2, 10, 4]), np.array([40, 70, 250])
     assert shared_vertices(asked, np.array(area, dtype=float), least, most).tolist() == shares
-
-
-@pytest.mark.parametrize("method", [paper, fast, fine])
-def test_every_method_samples_a_quarter_and_says_so(method):
-    by_default, asked, fewer = (method(TASK, **more) for more in ({}, {"vertices": 160}, {"vertices": 100}))
-    assert by_default.facts.samples == asked.facts.samples == BODY.n // 4 == 160
-    assert np.array_equal(by_default.vertices, asked.vertices)
-    assert fewer.facts.samples == 100 and 100 <= fewer.facts.proxy_vertices < 110
-    if method is paper:
-        dragged = Deformer(BODY, TASK.handles.index, method="paper").step(TASK.handles.target)
-        assert dragged.facts.samples == transfer_pose(BODY, BODY.V, samplings=1).facts.samples == 160
-        assert np.array_equal(bind(BODY).sampling.samples, bind(BODY, 160).sampling.samples)
-        assert deformation_graph(TASK).extra["nodes"] == 160
-
-
-@pytest.mark.parametrize(("run", "most"), [(paper, 10), (fast, 10), (None, 20)])
-def test_memory_does_not_grow_with_the_number_of_samplings(run, most):
-    mesh = bumpy(5)
-    task = DeformationTask("body", mesh, end_handles(mesh.V, share=0.02, shift=[0, 0, 0.2]))
-    peaks = []
-    for samplings in (1, 1, most):  # the first call loads kernels
-        options = {"vertices": 100, "samplings": samplings, "workers": 1}
-        tracemalloc.start()
-        if run is None:
-            transfer_pose(mesh, bent(mesh.V), **options)
-        else:
-            run(task, **options, max_iterations=5)
-        peaks.append(tracemalloc.get_traced_memory()[1])
-        tracemalloc.stop()
-    assert peaks[2] < peaks[1] + 6 * mesh.V.nbytes
 
 
 @pytest.mark.parametrize("run", [paper, Deformer, transfer_pose])

@@ -52,19 +52,6 @@ def test_where_nothing_strains_the_bits_are_those_without_joints():
     assert np.abs(found.vertices - without.vertices).max() < 1e-3 * LIMB.diagonal
 
 
-def test_steps_show_the_pose_and_settling_makes_joints_round():
-    task = bent_limb(100.0)
-    rest = LIMB.V[task.handles.index]
-    index, more = task.handles.index, {"group": task.handles.group, "vertices": 700}
-    drag, pose = (Deformer(LIMB, index, joints=joints, **more) for joints in (1, 0))
-    for share in np.linspace(0.1, 1, 10):
-        targets = rest + share * (task.handles.target - rest)
-        shown, sharp = (one.step(targets, tolerance=1e-4).vertices for one in (drag, pose))
-    assert np.abs(shown - sharp).max() < 1e-2 * LIMB.diagonal
-    settled, minimum = (measure(task, one.settle().vertices)["bend_tail"] for one in (drag, pose))
-    assert settled < 0.8 * minimum
-
-
 def test_what_hardly_strains_is_held_and_the_hold_fades_towards_joints():
     mesh = LIMB
     P = mesh.V * [1, 1, 1.0]

@@ -13,7 +13,7 @@ import pytest
 from scipy.spatial.distance import pdist
 
 from baselines.arap import elastic
-from sshade import DeformationResult, DeformationTask, Handles, InputError, Mesh
+from sshade import DeformationResult, DeformationTask, Handles, Mesh
 from sshade.method.assembly import Components
 from tests.shapes import QUARTER, beside, bumpy, end_handles, of_all, rotation, shifted, strip
 from tests.sshade.mesh.test_cutting import klein_bottle, moebius, t_fin, with_fin
@@ -226,16 +226,6 @@ def test_or_it_follows_the_nearest_component_rigidly():
     assert np.abs((moved - rest).mean(axis=0) - [0.3, 0, 0.2]).max() < 0.05
     without = deformed(Mesh(mesh.V[: 2 * BODY.n], mesh.F[: 2 * BODY.m]), own, METHOD, vertices=80)
     assert np.array_equal(result.vertices[: 2 * BODY.n], without.vertices)
-
-
-def test_what_cannot_be_deformed_is_named():
-    with pytest.raises(InputError, match="at least 32 are needed, to hold the 32 handle vertices"):
-        deformed(PAIR, OF_PAIR, METHOD, vertices=10)
-    point = Mesh(0 * BODY.V + [5, 0, 0], BODY.F)
-    mesh, own = beside(BODY, point), of_all((ends(BODY), 0), (ends(point), BODY.n))
-    words = "the component of 162 vertices around vertex 162 cannot be deformed: all vertices .* coincide"
-    with pytest.raises(InputError, match=words):
-        deformed(mesh, own, METHOD, vertices=100)
 
 
 @pytest.mark.parametrize("turned", [False, True])

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from eval.metrics.deformation import flips
 from eval.metrics.deformed import Deformed
-from sshade import DeformationTask, Deformer, Handles, InputError, Mesh
+from sshade import DeformationTask, Handles, Mesh
 from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.harmonic import SHORT
 from sshade.regions.handle_regions import HandleRegions, edge_vertices
@@ -113,17 +113,6 @@ def test_a_hard_handle_among_soft_ones_is_a_sample():
     handles, graph = Handles(index, mesh.V[index], weight=weight), vertex_graph(mesh)
     regions = HandleRegions(mesh, handles, vertices=300, graph=graph)
     assert regions.regional and index[0] in regions.first
-
-
-def test_a_bound_mesh_without_free_vertices_returns_the_targets():
-    mesh = bumpy(2)
-    V = 2.0 * mesh.V
-    np.testing.assert_array_equal(Deformer(mesh, np.arange(mesh.n)).step(V).vertices, V)
-
-
-def test_too_few_samples_for_the_edges_are_refused(task):
-    with pytest.raises(InputError, match="50 proxy vertices cannot hold"):
-        fast(task, vertices=50)
 
 
 @pytest.mark.parametrize("ratio", [0.9, 1.0, 1.1])

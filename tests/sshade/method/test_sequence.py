@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from sshade import DeformationTask, Handles, InputError, deform, deform_sequence
+from sshade import DeformationTask, deform, deform_sequence
 from sshade.method.bound import Bound
 from sshade.method.piece import Proxy
 from sshade.method.sequence import NEAR_POSE
@@ -92,30 +92,3 @@ def test_components_are_bound_once_each_and_cut_meshes_follow_too(monkeypatch):
     assert np.abs(results[-1].vertices - single.vertices).max() < 5e-3 * mesh.diagonal
     first = deform(replace(task, handles=handles.at(poses[0])), vertices=300)
     np.testing.assert_array_equal(results[0].vertices, first.vertices)
-
-
-def test_targets_alone_keep_the_rotations_of_the_task():
-    task = bar()
-    R = np.full((len(task.handles), 3, 3), np.nan)
-    R[task.handles.dynamic] = Rotation.from_rotvec([0, 0, 0.4]).as_matrix()
-    task = replace(task, handles=task.handles.at(task.mesh.V[task.handles.index], R))
-    (found,) = deform_sequence(task, [task.handles.target], vertices=150)
-    np.testing.assert_array_equal(found.vertices, deform(task, vertices=150).vertices)
-    assert np.abs(found.vertices - task.mesh.V).max() > 0.01
-
-
-def test_poses_with_other_handles_are_refused():
-    task = bar()
-    handles = task.handles
-    others = {
-        "vertices": Handles(handles.index[1:], handles.target[1:]),
-        "groups": replace(handles, group=handles.group + 1),
-        "weights": replace(handles, weight=np.full(len(handles), 2.0)),
-    }
-    for name, other in others.items():
-        with pytest.raises(InputError, match=f"other {name} than the handles of the first pose"):
-            list(deform_sequence(task, [other], vertices=100))
-    with pytest.raises(InputError, match="guess"):
-        Bound.of_task(task, resolve("fast", {})).solve(handles, guess=task.mesh.V[:4])
-    with pytest.raises(TypeError, match="a sequence takes a DeformationTask, not a Mesh"):
-        list(deform_sequence(task.mesh, []))

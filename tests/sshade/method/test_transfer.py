@@ -1,13 +1,10 @@
 """Isometric reconstruction and pose transfer."""
 
-from unittest.mock import Mock
-
 import numpy as np
 import pytest
 
 from sshade import Mesh, TransferTask, bind, transfer_pose
 from sshade.method.transfer import transfer
-from sshade.proxy import sample
 from tests.shapes import bent, beside, bumpy, rotation, shifted
 from tests.sshade.mesh.test_cutting import moebius, t_fin
 
@@ -35,13 +32,6 @@ def test_only_the_rows_of_samples_are_used(mesh):
     blind[samples] = posed[samples]
     a, b = (transfer_pose(mesh, V, vertices=200, samplings=1, seed=7) for V in (posed, blind))
     assert np.array_equal(a.vertices, b.vertices)
-
-
-def test_samplings_share_the_graph_of_the_mesh(mesh, monkeypatch):
-    made = Mock(wraps=sample.vertex_graph)
-    monkeypatch.setattr(sample, "vertex_graph", made)
-    transfer_pose(mesh, bent(mesh.V), vertices=100, samplings=3)
-    assert made.call_count == 0  # all have the graph of the transfer
 
 
 def test_seeds_and_samplings_reach_each_component(mesh):

@@ -205,17 +205,6 @@ def test_collapsed_parts_of_the_proxy_are_counted(kind, most):
     assert (binding.carry(NV, rotations=given)[1] == 0) == (kind == "blended")
 
 
-def test_rotations_that_do_not_fit_are_refused():
-    binding = bind(bumpy(2), 40, frames="blended")
-    NV, unit = binding.proxy.V, np.tile(np.eye(3), (binding.proxy.n, 1, 1))
-    with pytest.raises(InputError, match=r"needs rotations of shape \(\d+, 3, 3\), not \(3, 3\)"):
-        binding.carry(NV, rotations=np.eye(3))
-    for wrong in (np.diag([1.0, 1, -1]), 1.001 * np.eye(3), np.full((3, 3), np.nan), np.zeros((3, 3))):
-        unit[-1] = wrong
-        with pytest.raises(InputError, match="it is no rotation"):
-            binding.carry(NV, rotations=unit)
-
-
 BODY = bumpy(2)
 #: Length of the gradient of f below which f_2 replaces f.
 FLAT = 0.1

@@ -19,7 +19,6 @@ from sshade.proxy import sample as module
 from sshade.proxy.closed_ball import count_unions, refinements
 from sshade.proxy.fronts import Fronts, farthest_point_sampling, thinned
 from sshade.proxy.sample import Sampling, proxy_mesh, sample_proxy
-from tests.refusals import refusals
 from tests.shapes import bumpy, double_torus, icosphere, jittered, strip, tetrahedron, torus, tube
 
 SURFACES = {
@@ -218,22 +217,6 @@ def test_sampling_equals_the_naive_algorithm_on_random_lengths(seed, starts, ext
     first = rng.permutation(40)[:starts]
     fronts = farthest_point_sampling(graph, starts + extra, first=first)
     assert_same(fronts, naive_sampling(graph, starts + extra, first))
-
-
-def sampled(count: int, first: list[int]) -> Fronts:
-    return farthest_point_sampling(vertex_graph(strip(4, 3)), count, first=np.array(first, dtype=np.int64))
-
-
-UNUSABLE = {
-    "needs a vertex": lambda: sampled(9, []),
-    r"0\.\.19": lambda: sampled(9, [0, 20]),
-    r"0\.\.1": lambda: sampled(9, [-1]),
-    "repeat a vertex": lambda: sampled(9, [3, 5, 3]),
-    "21 samples were asked for, but the mesh has only 20": lambda: sampled(21, [0]),
-    "2 samples cannot hold 3 given first ones": lambda: sampled(2, [0, 1, 2]),
-}
-
-test_unusable_samples_are_refused = refusals(UNUSABLE)
 
 
 def test_coincident_vertices_are_sampled_apart():
