@@ -130,8 +130,8 @@ def sequences() -> Values:
 
 @scene
 def memory_of_samplings() -> Values:
-    mesh = bumpy(5)
-    more: dict[str, Any] = {"vertices": 100, "samplings": 12, "workers": 1}
+    mesh = bumpy(6)
+    more: dict[str, Any] = {"vertices": 100, "samplings": 6, "workers": 1}
     yield "transfer", transfer_pose(mesh, bent(mesh.V), **more).vertices
     yield from solved(patches(mesh, 40), method="paper", max_iterations=3, **more)
 
@@ -150,8 +150,10 @@ def memory_of_a_drag() -> Values:
 def transfers() -> Values:
     edited = BODY.V * [1, 1.2, 1]
     for more in ({"samplings": 3}, {"samplings": 1, "frames": "blended", "residual": True}):
-        task = TransferTask("t", Mesh(edited, BODY.F), BODY, bent(BODY.V))
-        yield "transferred", transfer(task, vertices=150, seed=2, **more)
+        task, reports = TransferTask("t", Mesh(edited, BODY.F), BODY, bent(BODY.V)), []
+        report = lambda *words: reports.append(str(words))  # noqa: E731, B023
+        yield "transferred", transfer(task, vertices=150, seed=2, progress=report, **more)
+        yield "reports", sorted(reports)
 
 
 @scene

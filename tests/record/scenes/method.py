@@ -3,13 +3,14 @@
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import numpy as np
 import trimesh
 
 import sshade
 from baselines.arap import arap as arap
-from sshade import DeformationResult, DeformationTask, Handles, Mesh
+from sshade import DeformationResult, DeformationTask, Handles, Mesh, deform
 from sshade.mesh.adjacency import vertex_graph
 from sshade.problem.options import Options as Options
 from sshade.problem.options import Stop as Stop
@@ -35,11 +36,11 @@ SOUP = trimesh.Trimesh(unjoined(SMALL).V, unjoined(SMALL).F, process=False)
 NEARER = beside(SMALL, Mesh(SMALL.V[[10, 50, 90]], [[0, 1, 2]]))
 
 
-def halfway(task: DeformationTask, **_: Any) -> DeformationResult:
-    """A method of a user, which moves handles by half their way."""
+def halfway(task: DeformationTask, seed: int = 0, **_: Any) -> DeformationResult:
+    """A method of a user, which moves handles by half their way, and has a seed."""
     V = task.mesh.V.copy()
     V[task.handles.index] += 0.5 * (task.handles.target - V[task.handles.index])
-    return DeformationResult(V, iterations=3, converged=None)
+    return DeformationResult(V, iterations=3 + seed, converged=None)
 
 
 def all_over(share: float, target: np.ndarray) -> DeformationTask:
@@ -111,6 +112,34 @@ def dense() -> Values:
     task = DeformationTask("t", BODY, Handles(index, bent(BODY.V)[index]))
     yield from solved(task, method="interpolate")
     yield from solved(task, vertices=400)
+
+
+@scene
+def memory_of_dense() -> Values:
+    mesh = bumpy(5)
+    index = np.arange(0, mesh.n, 2)
+    task = DeformationTask("t", mesh, Handles(index, bent(mesh.V)[index]))
+    yield "everywhere", deform(task, method="interpolate").vertices
+
+
+@scene
+def memory_of_crowded() -> Values:
+    mesh = bumpy(6)
+    index = np.flatnonzero(mesh.V[:, 2] > 1.2)
+    task = DeformationTask("t", mesh, Handles(index, bent(mesh.V)[index]))
+    yield "in one place", deform(task, method="interpolate").vertices
+
+
+@scene
+def coarser() -> Values:
+    """A proxy that is large enough for a coarser one, as if it were."""
+    with mock.patch("sshade.method.proxy_solver.SMALLEST", 200):
+        yield from solved(patches(count=4, turn=1.0), vertices=600, coarser=2, seed=7)
+        yield from solved(patches(count=4, turn=1.0), vertices=600, coarser=2, joints=0, method="fine")
+        for count in (150, 2):
+            task = patches(count=count)
+            yield f"{count}", deform(task, vertices=600).facts
+            yield f"{count} with a guess", deform(replace(task, guess=bent(BODY.V)), vertices=600).facts
 
 
 @scene

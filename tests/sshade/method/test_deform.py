@@ -10,10 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from baselines.accelerated import local_global
-from sshade import DeformationResult, DeformationTask, Handles, InputError, Mesh, deform
+from sshade import DeformationTask, Handles, InputError, Mesh, deform
 from sshade.solver.laplacian import SLACK, half_cotangents
 from tests.shapes import QUARTER, beside, bumpy, end_handles, held_ends, rotation, shifted, torn
-from tests.sshade.method.calls import METHODS, fast, fine, paper
+from tests.sshade.method.calls import fast, fine, paper
 
 BODY = bumpy(2)
 POSE = end_handles(BODY.V, count=8, shift=(0.3, 0, 0.2))
@@ -21,21 +21,6 @@ B, BC = POSE.index, POSE.target
 TASK = DeformationTask("body", BODY, Handles(B, BC))
 PAIR = beside(BODY, shifted(BODY, 20))
 TRIMESH = trimesh.Trimesh(BODY.V, BODY.F, process=False)
-
-
-@pytest.mark.parametrize("name", METHODS)
-def test_all_forms_give_what_the_method_gives(name):
-    expected = METHODS[name](TASK, vertices=60, seed=2)
-    options = {"method": name, "vertices": 60, "seed": 2}
-    result = deform(TASK, **options)
-    assert isinstance(result, DeformationResult) and result.iterations == expected.iterations
-    U = deform(BODY.V.tolist(), BODY.F.tolist(), B.tolist(), BC.tolist(), **options)
-    mesh = deform(BODY, B, BC, **options)
-    scene = deform(TRIMESH, B, BC, **options)
-    assert type(mesh) is Mesh and np.array_equal(mesh.F, BODY.F) and type(scene) is trimesh.Trimesh
-    named = deform(bc=BC, b=B, F=BODY.F, V=BODY.V, **options), deform(BODY, b=B, bc=BC, **options).V
-    for V in (result.vertices, U, mesh.V, scene.vertices, *named):
-        assert np.array_equal(V, expected.vertices)
 
 
 @pytest.mark.parametrize(("method", "farthest"), [("paper", 4e-4), ("fast", 3e-3)])
@@ -46,13 +31,6 @@ def test_a_result_is_near_the_minimum(method, farthest):
     exact = deform(task, method=method, samplings=1, tolerance=1e-8, max_iterations=9999)
     assert found.converged and exact.converged
     assert np.linalg.norm(found.vertices - exact.vertices, axis=1).max() < farthest * task.mesh.diagonal
-
-
-def test_the_default_is_fast_and_a_function_is_taken():
-    assert np.array_equal(deform(BODY, B, BC).V, fast(TASK).vertices)
-    method = partial(local_global, stiffness=0.5)
-    U = deform(BODY.V, BODY.F, B, BC, method=method, max_iterations=20)
-    assert np.array_equal(U, local_global(TASK, stiffness=0.5, max_iterations=20).vertices)
 
 
 def test_a_trimesh_keeps_its_colours_texture_and_metadata():

@@ -1,16 +1,13 @@
 """The method interpolate: exact on affine maps, as SciPy interpolates, and recommended for dense handles."""
 
-import tracemalloc
-
 import numpy as np
 import pytest
 from scipy.interpolate import RBFInterpolator
 
 from sshade import DeformationTask, Handles, Mesh, deform
-from sshade.interpolation.dense_handles import interpolate_handles
 from sshade.interpolation.splines import fit_splines, interpolate, neighbours
 from sshade.regions.handle_regions import are_dense
-from tests.shapes import bent, beside, icosphere, rotation
+from tests.shapes import bent, icosphere, rotation
 
 BODY = Mesh(icosphere(4).V * [2.0, 1.0, 0.7], icosphere(4).F)
 
@@ -56,30 +53,6 @@ def test_an_elastic_surface_fights_dense_handles_that_change_the_volume():
     found = deform(dense, method="interpolate")
     assert off(found, grown) < 5e-4 and off(deform(dense), grown) > 3e-3
     assert np.array_equal(found.vertices[dense.handles.index], dense.handles.target)
-
-
-def test_a_component_that_comes_apart_is_counted():
-    flap = Mesh(np.concatenate([BODY.V[[10, 500]], [[0, 0, 2]]]), np.array([[0, 1, 2]]))
-    mesh = beside(BODY, flap)
-    carried = DeformationTask("flap", mesh, task(bent, 300).handles)
-    result = deform(carried, method="interpolate")
-    assert result.facts.unconstrained == result.facts.touching == 1
-    gap = np.linalg.norm(result.vertices[[10, 500]] - result.vertices[-3:-1], axis=1).max()
-    assert result.facts.opening == pytest.approx(gap / mesh.diagonal) and gap > 0.001
-
-
-@pytest.mark.parametrize(("level", "least"), [(6, 1.2), (5, -9)], ids=["in one place", "everywhere"])
-def test_thousands_of_handles_take_the_memory_of_their_number(level, least):
-    fine = Mesh(icosphere(level).V * [2.0, 1.0, 0.7], icosphere(level).F)
-    index = np.flatnonzero(fine.V[:, 0] > least)[::2]
-    assert len(index) > 4000
-    crowd = DeformationTask("crowd", fine, Handles(index, bent(fine.V)[index]))
-    tracemalloc.start()
-    found = interpolate_handles(crowd)
-    _, most = tracemalloc.get_traced_memory()
-    tracemalloc.stop()
-    assert np.array_equal(found.vertices[index], bent(fine.V)[index])
-    assert most < 150e6
 
 
 def test_handles_all_over_the_surface_are_dense_and_regions_are_not():

@@ -92,13 +92,6 @@ def ends(mesh: Mesh) -> DeformationTask:
     return DeformationTask("ends", mesh, own)
 
 
-def bending(task, *, seed, progress=silent) -> DeformationResult:
-    """A coarse method without a solver."""
-    V = bent(task.mesh.V, 0.1)
-    V[task.handles.index] = task.handles.target
-    return DeformationResult(V, iterations=3, converged=None)
-
-
 @pytest.fixture(scope="module")
 def body_task() -> DeformationTask:
     return ends(bumpy(3))
@@ -135,19 +128,6 @@ def test_convergence_is_unknown_if_one_sampling_does_not_say(body_task):
     for given, whole in (([True, None], None), ([True, False], False), ([True, True], True)):
         answers = iter(given)
         assert paper(body_task, vertices=60, samplings=2, proxy_method=unsure, workers=1).converged is whole
-
-
-def test_a_coarse_method_gets_the_seed_and_the_handles(body_task):
-    seen = []
-
-    def solver(task, *, seed, progress=silent) -> DeformationResult:
-        seen.append(seed)
-        for name in ("target", "dynamic", "group"):
-            assert np.array_equal(getattr(task.handles, name), getattr(body_task.handles, name))
-        return bending(task, seed=seed)
-
-    paper(body_task, vertices=70, samplings=2, proxy_method=solver, seed=2)
-    assert seen == [2, 2]
 
 
 BODY = bumpy(3)

@@ -8,10 +8,9 @@ from scipy.spatial.transform import Rotation
 
 from sshade import DeformationTask, deform, deform_sequence
 from sshade.method.bound import Bound
-from sshade.method.piece import Proxy
 from sshade.method.sequence import NEAR_POSE
 from sshade.problem.options import resolve
-from tests.shapes import beside, bumpy, end_handles, shifted, tube
+from tests.shapes import bumpy, end_handles, tube
 
 
 def bar() -> DeformationTask:
@@ -24,18 +23,6 @@ def bends(task: DeformationTask, angles: np.ndarray) -> list[np.ndarray]:
     rest = task.mesh.V[task.handles.index]
     turns = [Rotation.from_rotvec([angle, 0, 0]) for angle in angles]
     return [np.where(task.handles.dynamic[:, None], turn.apply(rest), rest) for turn in turns]
-
-
-def count_samplings(monkeypatch) -> list[int]:
-    """Return a list that grows with each sampling of a proxy."""
-    found, sample = [], Proxy.__init__
-
-    def counted(self, piece, number, **arguments):
-        found.append(number)
-        sample(self, piece, number, **arguments)
-
-    monkeypatch.setattr(Proxy, "__init__", counted)
-    return found
 
 
 PLAIN = ("paper", {"accelerate": False})
@@ -52,14 +39,12 @@ def test_poses_far_from_the_pose_before_have_the_bits_of_single_runs(method, mor
         np.testing.assert_array_equal(result.vertices, single.vertices)
 
 
-def test_near_poses_follow_the_pose_before_and_the_mesh_is_bound_once(monkeypatch):
+def test_near_poses_follow_the_pose_before_and_others_do_not():
     task = bar()
     up = task.handles.dynamic[:, None] * np.array([0.0, 0, 1]) * NEAR_POSE * task.mesh.diagonal
     poses = bends(task, np.linspace(0.3, 0.4, 3))
     poses += [poses[-1] + 1.01 * up, poses[-1] + 0.02 * up]
-    bound = count_samplings(monkeypatch)
     results = list(deform_sequence(task, poses, vertices=300))
-    assert bound == [0]
     assert [result.facts.followed for result in results] == [False, True, True, False, True]
     single = deform(replace(task, handles=task.handles.at(poses[-1])), vertices=300)
     assert np.abs(results[-1].vertices - single.vertices).max() < 2e-3 * task.mesh.diagonal
@@ -77,18 +62,3 @@ def test_a_sequence_goes_on_with_the_same_bits_although_volumes_were_corrected(o
     assert last.facts.followed
     again = Bound.of_task(task, resolve("fast", options), keep=True).solve(poses[1], guess=first.vertices)
     np.testing.assert_array_equal(again.vertices, last.vertices)
-
-
-def test_components_are_bound_once_each_and_cut_meshes_follow_too(monkeypatch):
-    mesh = beside(bumpy(3), shifted(bumpy(3), [5.0, 0, 0]))
-    handles = end_handles(mesh.V, share=0.05)
-    task = DeformationTask("two", mesh, handles)
-    rest, up = mesh.V[handles.index], handles.dynamic[:, None] * np.array([0.1, 0.05, 0.1])
-    bound = count_samplings(monkeypatch)
-    poses = [rest + s * up * (1 + 0.1 * rest[:, :1]) for s in (1.0, 1.2, 1.4)]
-    results = list(deform_sequence(task, poses, vertices=300))
-    assert len(bound) == 2 and results[-1].facts.components == 2
-    single = deform(replace(task, handles=handles.at(poses[-1])), vertices=300)
-    assert np.abs(results[-1].vertices - single.vertices).max() < 5e-3 * mesh.diagonal
-    first = deform(replace(task, handles=handles.at(poses[0])), vertices=300)
-    np.testing.assert_array_equal(results[0].vertices, first.vertices)

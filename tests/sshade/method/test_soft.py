@@ -7,8 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from baselines.accelerated import local_global
-from baselines.arap import arap
-from sshade import DeformationTask, Handles, InputError, Mesh, deform
+from sshade import DeformationTask, Handles, Mesh
 from sshade.mesh.rigid import rigid_motion
 from tests.shapes import beside, bumpy, moved_parts, rotation, shifted, strip
 from tests.sshade.method.calls import METHODS
@@ -147,20 +146,3 @@ def test_the_middle_of_a_sheet_follows_a_turn_of_60_degrees(name, axis):
         assert np.abs(free - task.mesh.V).max() < 1e-5
     assert 56 < min(angles) <= max(angles) < 61
     assert abs(angles[0] - angles[1]) < (1.5 if name == "fast" else 0.8)
-
-
-def test_arrays_take_one_rotation_for_all_or_one_each_and_others_refuse():
-    task = sheet(20, degrees=35)
-    mesh, own = task.mesh, task.handles
-    U = deform(mesh.V, mesh.F, own.index, own.target, rotations=own.rotation, vertices=100)
-    assert np.array_equal(U, METHODS["fast"](task, vertices=100).vertices)
-    R = turn(20)
-    U = deform(COARSE, [3, 9], COARSE.V[[3, 9]] @ R.T, rotations=R, vertices=100)
-    assert np.abs(U.V - COARSE.V @ R.T).max() < 1e-5
-    with pytest.raises(InputError, match="takes no rotations"):
-        deform(task, method=arap)
-    for wrong in (2 * np.eye(3), np.diag([1.0, 1, -1]), [[np.nan, 0, 0], [0, 1, 0], [0, 0, 1]]):
-        with pytest.raises(InputError, match="no rotation"):
-            deform(COARSE, [3, 9], COARSE.V[[3, 9]], rotations=wrong)
-    with pytest.raises(InputError, match=r"need rotations of shape \(2, 3, 3\)"):
-        deform(COARSE, [3, 9], COARSE.V[[3, 9]], rotations=np.eye(3)[None])

@@ -9,15 +9,13 @@ import numpy as np
 import pytest
 
 from baselines.accelerated import local_global as solved_alone
-from sshade import DeformationTask, Handles, InputError
+from sshade import DeformationTask, Handles
 from sshade.method import proxy_solver
 from sshade.method.proxy_solver import ProxySolver
 from sshade.problem.options import Options
-from sshade.proxy import sample
 from sshade.solver.solution import Solution
-from tests.shapes import bent, beside, bumpy, moved_parts, shifted
-from tests.sshade.mesh.test_cutting import t_fin
-from tests.sshade.method.calls import METHODS, fast
+from tests.shapes import bent, bumpy
+from tests.sshade.method.calls import fast
 
 SOLVER = partial(solved_alone, volume=np.inf, start="rest", max_iterations=5000)
 OPTIONS = Options(volume=np.inf, max_iterations=5000, multilevel=True)
@@ -50,42 +48,6 @@ def test_it_ends_in_the_same_minimum_with_fewer_iterations(task, always):
     assert found.iterations < alone.iterations
     assert found.energy == pytest.approx(alone.extra["energy"], rel=1e-6)
     assert np.abs(found.positions - alone.vertices).max() < 1e-4 * task.mesh.diagonal
-
-
-@pytest.mark.parametrize("name", METHODS)
-@pytest.mark.parametrize("mesh", [bumpy(4), beside(bumpy(3), shifted(bumpy(3), 9)), t_fin(8)])
-def test_the_seed_reaches_every_sampling(always, monkeypatch, name, mesh):
-    """Of coarser proxies, of each component, and of joined ones."""
-    seeds, choose = [], sample._random_other_vertex
-    monkeypatch.setattr(
-        sample, "_random_other_vertex", lambda n, taken, seed: seeds.append(seed) or choose(n, taken, seed)
-    )
-    V, component = mesh.V, mesh.component
-    ends = [np.argsort(V[:, 1] + 100 * (component == c))[:3] for c in range(component.max() + 1)]
-    ends += [np.argsort(-V[:, 1] + 100 * (component == c))[:3] for c in range(component.max() + 1)]
-    own = moved_parts(V, *((ids, np.array([0, 0.3, 0.2]) * k) for k, ids in enumerate(ends)))
-    METHODS[name](DeformationTask("t", mesh, own), vertices=400, coarser=2, seed=7)
-    assert len(seeds) > 1 and {np.ravel(seed)[0] for seed in seeds} == {7}
-
-
-@pytest.mark.parametrize(
-    ("smallest", "step", "guess"),
-    [(10_000, 1000, False), (100, 3, False), (100, 1000, True), (100, 1000, False)],
-    ids=["small", "many handles", "from a guess", "refused"],
-)
-def test_without_a_coarser_proxy_it_is_the_solver_alone(task, monkeypatch, caplog, smallest, step, guess):
-    def refuses(*_):
-        raise InputError("too thin")
-
-    caplog.set_level("INFO")
-    monkeypatch.setattr("sshade.method.proxy_solver.SMALLEST", smallest)
-    monkeypatch.setattr("sshade.method.proxy_solver.proxy_mesh", refuses)
-    index, V = np.arange(0, task.mesh.n, step), bent(task.mesh.V)
-    task = replace(task, handles=Handles(index, V[index]), guess=V if guess else None)
-    found, alone = solve(task), SOLVER(task)
-    assert np.array_equal(found.positions, alone.vertices)
-    assert found.coarser_iterations == (None if guess else 0.0)
-    assert ("solved without a coarser proxy" in caplog.text) == (smallest < step and not guess)
 
 
 @pytest.mark.parametrize("levels", [1, 2])

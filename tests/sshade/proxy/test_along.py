@@ -73,7 +73,7 @@ def test_points_move_with_the_weighted_motions_of_the_samples_near_them():
 def test_more_vertices_than_samples_and_more_points_than_a_part_are_the_same_as_few():
     fine = bumpy(5)
     posed = rod_bent(fine.V)
-    X = np.concatenate([fine.V, 1.1 * fine.V, 1.2 * fine.V])
+    X = np.concatenate([fine.V, 1.1 * fine.V[:9]])
     moved = move_along(fine, DeformationResult(posed, 1, True), X)
     assert np.array_equal(move_along(fine, posed, X[-7:]), moved[-7:])
     assert abs(moved[: fine.n] - posed).max() < 0.005 * fine.diagonal
