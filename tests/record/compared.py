@@ -11,8 +11,8 @@ DIGESTS = 1e-4
 RELATIVE, COUNTS = 0.03, 0.25
 #: Numbers below are residuals and rounding: those of one size are equal.
 TINY, ZERO, SIZE = 1e-4, 1e-9, 10.0
-#: Relative difference of the memory of small scenes and of others, and the megabytes of a small one.
-SMALL, LARGE, MEGABYTES = 0.15, 0.04, 5.0
+#: Relative difference of memory, and the megabytes that depend on what was loaded before.
+MEMORY, MEGABYTES = 0.04, 0.8
 #: Up to this number, calls are counted exactly.
 FEW = 8
 
@@ -25,7 +25,7 @@ def same(line: str, recorded: str) -> bool:
         return False
     if line.startswith("peak of "):
         a, b = (float(NUMBER.findall(text)[0]) for text in (line, recorded))
-        return abs(a - b) <= (SMALL if b < MEGABYTES else LARGE) * b
+        return abs(a - b) <= max(MEGABYTES, MEMORY * b)
     counts = "iterations" in line or "calls" in line
     found, before = NUMBER.finditer(line), NUMBER.finditer(recorded)
     return all(
