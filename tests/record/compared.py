@@ -1,7 +1,7 @@
 """Compare lines with recorded ones: words exactly, numbers within what another processor changes."""
 
 from collections.abc import Sequence
-from difflib import unified_diff
+from difflib import SequenceMatcher, unified_diff
 
 from tests.record.described import NUMBER
 
@@ -13,6 +13,8 @@ RELATIVE, COUNTS = 0.03, 0.25
 TINY, ZERO, SIZE = 1e-4, 1e-9, 10.0
 #: Relative difference of memory, and the megabytes that depend on what was loaded before.
 MEMORY, MEGABYTES = 0.04, 0.8
+#: Beginnings of the lines of a transcript that are given.
+GIVEN = (">", "$ ")
 #: Up to this number, calls are counted exactly.
 FEW = 8
 
@@ -21,7 +23,7 @@ def same(line: str, recorded: str) -> bool:
     """Whether a line says what the recorded one says; what a transcript is given is exact."""
     if line == recorded:
         return True
-    if line.startswith((">", "$ ")) or NUMBER.sub("0", line) != NUMBER.sub("0", recorded):
+    if line.startswith(GIVEN) or NUMBER.sub("0", line) != NUMBER.sub("0", recorded):
         return False
     if line.startswith("peak of "):
         a, b = (float(NUMBER.findall(text)[0]) for text in (line, recorded))
@@ -52,13 +54,18 @@ def _near(word: str, other: str, *, digest: bool, counts: bool) -> bool:
 
 
 def settled(lines: Sequence[str], recorded: Sequence[str]) -> list[str]:
-    """Return the lines, with the recorded ones in the place of those that say the same."""
-    if len(lines) == len(recorded):
-        return [old if same(new, old) else new for new, old in zip(lines, recorded, strict=True)]
-    known: dict[str, list[str]] = {}
-    for old in recorded:
-        known.setdefault(NUMBER.sub("0", old), []).append(old)
-    return [next((o for o in known.get(NUMBER.sub("0", new), ()) if same(new, o)), new) for new in lines]
+    """Return the lines, as recorded where they are the same but for what another processor changes."""
+    found = list(lines)
+    blocks = SequenceMatcher(None, *map(_patterns, (recorded, lines)), autojunk=False).get_matching_blocks()
+    for old, new, size in blocks if len(lines) != len(recorded) else [(0, 0, len(lines))]:
+        for k in range(size):
+            if same(lines[new + k], recorded[old + k]):
+                found[new + k] = recorded[old + k]
+    return found
+
+
+def _patterns(lines: Sequence[str]) -> list[str]:
+    return [line if line.startswith(GIVEN) else NUMBER.sub("0", line) for line in lines]
 
 
 def differences(lines: Sequence[str], recorded: Sequence[str]) -> list[str]:

@@ -34,7 +34,7 @@ def surfaces() -> Values:
 
 @scene
 def measured() -> Values:
-    mesh = beside(SMALL, shifted(SMALL, [1.9, 0, 0]))
+    mesh = beside(bumpy(2), shifted(bumpy(2), [1.9, 0, 0]))
     parts = NearParts(mesh)
     for amount in (0.05, 0.3):
         posed = bent(mesh.V, amount) + np.outer(mesh.component, [amount, 0, 0])
