@@ -33,6 +33,7 @@ TURN = rotation(4)
 PAIR = beside(SMALL, shifted(SMALL, [9, 0, 0]))
 SPLIT = trimesh.Trimesh(*torn(SMALL)[:2], process=False)
 SOUP = trimesh.Trimesh(unjoined(SMALL).V, unjoined(SMALL).F, process=False)
+TOUCHING = beside(SMALL, shifted(SMALL, SMALL.V[B[-1]] - SMALL.V[B[0]]))
 NEARER = beside(SMALL, Mesh(SMALL.V[[10, 50, 90]], [[0, 1, 2]]))
 
 
