@@ -98,7 +98,9 @@ def rebinds() -> Values:
         bound.step(first.target)
         for number, own in enumerate(others):
             bound.rebind(own.index, group=own.group, weight=own.weight)
-            yield f"{name} {number}", [bound.step(own.target).vertices for _ in range(3)]
+            turns = np.where((own.group > 0)[:, None, None], rotation(1), np.nan)
+            steps = [bound.step(own.target, max_iterations=3).vertices for _ in range(3)]
+            yield f"{name} {number}", [*steps, bound.step(own.target, rotations=turns).vertices]
             yield f"{name} {number} settled", bound.settle().vertices
             yield f"{name} {number} solved", bound.solve(own.target).vertices
     V, F, seam = torn(SMALL)
