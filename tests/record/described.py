@@ -141,19 +141,20 @@ def file_lines(path: Path) -> list[str]:
     if suffix == ".html":  # whose times are among its numbers, and in its charts
         text = content.decode()
         words = re.sub(r"[\d.,+-]+", "", re.sub(r"<svg.*?</svg>", "<chart>", steady(text), flags=re.DOTALL))
-        return [f"{words.count(chr(10))} lines #{zlib.crc32(words.encode()):08x}", *figure_lines(text)]
+        lines = described(shown, "shows") if (shown := figure_facts(text)) else ()
+        return [f"{words.count(chr(10))} lines #{zlib.crc32(words.encode()):08x}", *lines]
     return text_lines(content.decode())
 
 
-def figure_lines(page: str) -> list[str]:
-    """Return what the page of a figure shows; [] for another page."""
+def figure_facts(page: str) -> dict[str, Any]:
+    """Return what the page of a figure shows; {} for another page."""
     cases, *data = re.findall(r'id="turn-(?:cases|data-0)"[^>]*>(.*?)</script>', page, re.DOTALL) or [""]
     if '"id": "figure"' not in cases:
-        return []
+        return {}
     (shown,) = json.loads(cases)["cases"]
     shown |= {name: np.array(shown[name]) for name in ("handles", "dynamic", "targets")}
-    shown["data"] = np.frombuffer(gzip.decompress(base64.b64decode(data[0])), "<u2") / 1.0
-    return list(described(shown, "shows"))
+    packed = gzip.decompress(base64.b64decode(data[0]))
+    return shown | {"data": np.frombuffer(packed, "<u2") / 1.0}
 
 
 def _beside(suffix: str, content: bytes) -> list[str]:

@@ -186,8 +186,8 @@ def told() -> None:
     write_mesh("chain.ply", chain.V, chain.F)
     groups = [[f"g {name}", *rows("f ", part.F + 1 + k * part.n)] for k, name in enumerate(names)]
     Path("chain.obj").write_bytes(lines(rows("v ", chain.V), *groups))
-    sides = [{"vertices": [96 * k, 96 * k + 9], "translation": [k % 2, 0, 0]} for k in range(5)]
-    handles("several.json", *sides)
+    ends = ({"name": f"side {k}", "vertices": [96 * k, 96 * k + 9]} for k in range(5))
+    handles("several.json", *({**one, "translation": [k % 2, 0, 0]} for k, one in enumerate(ends)))
     low = {"name": "low", "kind": "fixed", "vertices": list(range(12))}
     for name, shift in {"wide": 3.0, "narrow": 0.01}.items():
         high = {"name": "high", "vertices": list(range(chain.n - 12, chain.n))}
