@@ -174,13 +174,13 @@ def told() -> None:
     write_mesh("solid.ply", corners, number.ravel()[solid.F])
     handles("solid.json", {"vertices": [0, 60]}, {"vertices": [124], "scale": 2})
     ball = icosphere(3)
-    write_mesh("ball.ply", ball.V, ball.F)
+    write_mesh("ball.ply", np.vstack([[[9, 9, 9]], ball.V]), ball.F + 1)
     for name, every in {"dense": 2, "shuffled": 5}.items():
         ids = np.arange(0, ball.n, every)
         target = ball.V[ids] + 0.1 * np.sin(2 * ball.V[ids, ::-1])
         if name == "shuffled":
             target[:80:4] = np.roll(target[:80:4], 1, axis=0)
-        write_handles(f"{name}.json", Handles(ids, target))
+        write_handles(f"{name}.json", Handles(ids + 1, target))
     part, names = tube(12, 8, length=2.0), ("foot", "leg", "seat", "back", "head")
     chain = beside(*(shifted(part, [0, 0, 1.7 * k]) for k in range(5)))
     write_mesh("chain.ply", chain.V, chain.F)

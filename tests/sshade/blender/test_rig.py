@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sshade import InputError, Mesh
+from sshade import Mesh
 from sshade.blender.rig import STILL, Rig, RigGroup, rigid
 from sshade.edit.groups import Motion
 from tests.shapes import bumpy
@@ -38,15 +38,6 @@ def test_a_translation_has_no_rotation_and_the_identity_no_motion():
     assert np.array_equal(rigid(matrix + 1e-8).R, np.eye(3))
 
 
-@pytest.mark.parametrize(
-    "linear", [2 * np.eye(3), np.diag([1, 1, 1.01]), np.diag([-1, 1, 1]), np.nan * np.eye(3)]
-)
-def test_other_matrices_are_no_motion(linear):
-    matrix = np.eye(4)
-    matrix[:3, :3] = linear
-    assert rigid(matrix) is None
-
-
 @pytest.mark.parametrize(("g", "weight"), [(0.9995, np.inf), (0.99, 99.0), (0.2, 0.25)])
 def test_the_weight_in_a_group_is_the_weight_of_a_handle(g, weight):
     handles = rig_of(bumpy(2), weight=g).handles
@@ -71,42 +62,3 @@ def test_copies_along_a_seam_move_as_one_and_loose_vertices_stay():
     order = np.lexsort(V[:-1].T)
     same = (V[:-1][order][1:] == V[:-1][order][:-1]).all(axis=1)
     assert same.sum() > mesh.m and np.array_equal(U[:-1][order][1:][same], U[:-1][order][:-1][same])
-
-
-@pytest.mark.parametrize(
-    ("groups", "said"),
-    [
-        ([], "there are no groups"),
-        ([(range(5), False)], "all groups are fixed"),
-        ([(range(5), False), (range(4, 9), True)], "'group 0' and 'group 1' share 1 of their"),
-        ([(range(5), False), ((162,), True)], "'group 1' has no vertex of a face"),
-    ],
-)
-def test_groups_that_cannot_be_handles_are_refused(groups, said):
-    mesh = bumpy(2)
-    V = np.vstack([mesh.V, [[9.0, 9.0, 9.0]]]).astype(np.float32)
-    kinds = enumerate(groups)
-    made = [RigGroup(f"group {k}", weights(len(V), list(own)), moves) for k, (own, moves) in kinds]
-    with pytest.raises(InputError, match=said):
-        Rig(V, mesh.F, made)
-    with pytest.raises(InputError):
-        Rig(V, mesh.F[:0], made)
-
-
-def test_all_components_with_a_moving_handle_follow_and_one_without_handles_goes_along():
-    mesh = bumpy(2)
-    V = np.vstack([mesh.V, mesh.V + [5, 0, 0], mesh.V + [5, 5, 0]]).astype(np.float32)
-    F, n = np.vstack([mesh.F, mesh.F + mesh.n, mesh.F + 2 * mesh.n]), mesh.n
-    top, bottom = np.argsort(mesh.V[:, 2])[-20:], np.argsort(mesh.V[:, 2])[:20]
-    groups = [
-        RigGroup("fixed", weights(3 * n, [*bottom, *(bottom + n)]), False),
-        RigGroup("left", weights(3 * n, top), True),
-        RigGroup("right", weights(3 * n, top + n), True),
-    ]
-    rig = Rig(V, F, groups)
-    motions = [STILL, *(Motion(np.eye(3), np.array(t)) for t in ([0.5, 0, 0], [0, 0, 0.5]))]
-    step, end = rig.step(rig.bound(), motions), rig.deform(motions)[0]
-    for vertices, t in ((top, [0.5, 0, 0]), (top + n, [0, 0, 0.5])):
-        for U in (step, end):
-            assert np.abs(U[vertices] - V[vertices] - t).max() < 1e-6
-    assert np.abs(step - end)[2 * n :].max() < 0.05 < np.abs(end - V)[2 * n :].max()
