@@ -86,15 +86,12 @@ def reduced() -> Values:
 @scene
 def rig() -> Values:
     """A body and a copy that follows it, with a vertex group of each kind and a vertex without a face."""
-    body = bumpy(2)
+    body = bumpy(3)
     V = np.vstack([body.V, body.V + [5, 0, 0], [[9, 9, 9]]]).astype(np.float32)
     F = np.vstack([body.F, body.F + body.n])
     z = np.where(np.arange(len(V)) < body.n, V[:, 2], 0)
-    weights = [
-        np.where(z < -1.5, 1, 0),
-        np.where(z > 1.8, 1, np.where(z > 1.5, 0.6, 0)),
-        np.where(V[:, 1] > 1.2, 0.3, 0),
-    ]
+    side = (V[:, 1] > 1.2) & (np.abs(z) < 1.4)
+    weights = 1 * (z < -1.5), np.where(z > 1.8, 1, 0.6 * (z > 1.5)), 0.3 * side
     kinds = zip(("low", "high", "side"), weights, (False, True, True), strict=True)
     own = Rig(V, F, [RigGroup(name, np.float32(weight), moves) for name, weight, moves in kinds])
     turn = np.array([[0.8, -0.6, 0, 0.1], [0.6, 0.8, 0, 0], [0, 0, 1, 0.4], [0, 0, 0, 1]])

@@ -1,5 +1,6 @@
 """Sessions of the editor, as the page asks for them."""
 
+import gc
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -144,6 +145,8 @@ def editor_of_parts() -> Values:
             said = asked(Commands(session))
             for command in ("drag", "drag", "release", "drag", "settle"):
                 yield f"{name} {command}", brief(said(command, group=2, **MOVE))[1]
+            del session, said
+            gc.collect()
         with mock.patch("sshade.edit.dragging.REBOUND", 0):  # as on a large mesh
             session = begun(bumpy(4), method="fine")
             said = asked(Commands(session))
@@ -152,6 +155,11 @@ def editor_of_parts() -> Values:
                 session.select(own, "replace")
                 session.mark(kind)
                 yield brief(said("drag", group=2, **MOVE)) if k else ("kept", session.state.made)
+        for command, given in (("limit", {"group": 2, "distance": 0.6}), ("set_up", {"method": "paper"})):
+            said(command, **given)
+            yield command, said("drag", group=2, **MOVE)
+        del session, said  # sessions hold each other in cycles, and the peak of memory is recorded
+        gc.collect()
         session = switched(single=True)
         said = asked(Commands(session))
         for command, number in (("drag", 2), ("drag", 3), ("release", 3), ("settle", 3), ("drag", 5)):
