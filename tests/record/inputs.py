@@ -25,6 +25,7 @@ from tests.shapes import (
     bumpy,
     end_handles,
     icosphere,
+    jittered,
     rotation,
     shifted,
     strip,
@@ -182,7 +183,7 @@ def told() -> None:
             target[:80:4] = np.roll(target[:80:4], 1, axis=0)
         write_handles(f"{name}.json", Handles(ids + 1, target))
     part, names = tube(12, 8, length=2.0), ("foot", "leg", "seat", "back", "head")
-    chain = beside(*(shifted(part, [0, 0, 1.7 * k]) for k in range(5)))
+    chain = jittered(beside(*(shifted(part, [0, 0, 1.7 * k]) for k in range(5))), 0.02)
     write_mesh("chain.ply", chain.V, chain.F)
     groups = [[f"g {name}", *rows("f ", part.F + 1 + k * part.n)] for k, name in enumerate(names)]
     Path("chain.obj").write_bytes(lines(rows("v ", chain.V), *groups))

@@ -148,7 +148,7 @@ def editor_of_parts() -> Values:
             del session, said
             gc.collect()
         with mock.patch("sshade.edit.dragging.REBOUND", 0):  # as on a large mesh
-            session = begun(bumpy(4), method="fine")
+            session = begun(bumpy(3), method="fine")
             said = asked(Commands(session))
             for kind, k in (("fixed", 0), ("moved", 1), ("fixed", 2)):
                 own = ends(session.mesh.V)[k] if k < 2 else np.flatnonzero(np.abs(session.mesh.V[:, 2]) < 0.1)
