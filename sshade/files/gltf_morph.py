@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from sshade.core.errors import InputError
+from sshade.core.errors import InputError, counted
 from sshade.core.whole_files import replacing
 from sshade.files.gltf import gltf_bytes, parsed_gltf, plain_gltf
 from sshade.files.gltf_scene import CHANGED, Gltf, NewAccessors, bounds, mesh_matrices
@@ -85,8 +85,9 @@ def _require_room(path: Path, rest: Gltf, bytes_a_pose: int, poses: int) -> None
     """Raise InputError if the file would exceed the largest size."""
     size = sum(map(len, rest.buffers)) + poses * bytes_a_pose
     if size > LARGEST:
+        take = counted(poses, "pose takes", "poses take")
         raise InputError(
-            f"{path}: {poses} poses take {size / 1e9:.1f} GB, and a glTF file holds {LARGEST / 1e9:.1f}; "
+            f"{path}: {take} {size / 1e9:.1f} GB, and a glTF file holds {LARGEST / 1e9:.1f}; "
             "write a file for each pose"
         )
 

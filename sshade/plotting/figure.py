@@ -18,7 +18,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sshade.core.errors import InputError
+from sshade.core.errors import InputError, counted
 from sshade.core.whole_files import check_output, replacing
 from sshade.files.arrays import Arrays
 from sshade.files.objects import mesh_in
@@ -307,7 +307,8 @@ def _named(poses: list[ViewShape], names: Sequence[str]) -> list[ViewShape]:
     if names:
         chosen = list(names)
         if len(chosen) != len(poses) or isinstance(names, str):
-            raise InputError(f"{len(poses)} poses follow the rest shape, and names has {len(chosen)} names")
+            follow = counted(len(poses), "pose follows", "poses follow")
+            raise InputError(f"{follow} the rest shape, and names has {len(chosen)}")
     else:
         kinds = [pose.name for pose in poses]
         count = {kind: kinds.count(kind) for kind in kinds}

@@ -177,7 +177,7 @@ class Options:
     joints: float = _option(0.0, "[0, inf)", "fast fine")
     tolerance: float = _option(1e-5, "[0, inf)")
     max_iterations: int = _option(1000, "[0, inf)")
-    start: Any = _option("rest", "rest rigid")
+    start: Start = _option("rest", "rest rigid")
     guide_attachment: float = _option(0.0, "[0, inf)", "fast fine")
     proxy_method: Callable[..., Any] | None = _option(None, "", "paper")
     accelerate: bool = _option(True, "", "paper")
@@ -379,7 +379,8 @@ class Option(NamedTuple):
             valid = isinstance(value, Real) and not isinstance(value, bool) and self._holds(float(value))
             value = (int if self.kind == "int" else float)(value) if valid else value
         else:
-            valid = value in self.choices if isinstance(value, str) else bool(self.choices) or callable(value)
+            takes_objects = self.kind != "Start" and (bool(self.choices) or callable(value))
+            valid = value in self.choices if isinstance(value, str) else takes_objects
         if not valid:
             hint = meant(value, self.choices) or HINTS.get(name, "")
             raise InputError(f"{name} must be {self.values}, not {value!r}{hint}")

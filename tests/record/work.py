@@ -5,6 +5,7 @@ then the calls of the functions of the packages, and the peak of the memory that
 are called within iterations have many calls, which another processor changes a little.
 """
 
+import gc
 import logging
 import os
 import sys
@@ -51,6 +52,7 @@ def played(name: str) -> list[str]:
     lines += [f"logged: {steady(line)}" for line in said]
     if name in scenes.ONCE:
         return lines
+    gc.collect()
     tracemalloc.start()
     try:
         with one_cpu(), counted() as calls:
