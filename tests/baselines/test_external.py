@@ -89,20 +89,6 @@ def test_each_failure_has_a_sentence_with_the_last_words(run, text, words):
     assert "\n" not in str(failed.value)
 
 
-@pytest.mark.parametrize(
-    ("command", "words"),
-    [
-        ("sh a.sh", "is not a list of words"),
-        (["sh", ["a"]], "is not a list of words"),
-        (["sh", "{mesh}", "{output}"], "lacks {handles}"),
-        ([__file__], "does not start"),
-    ],
-)
-def test_commands_that_are_none_are_refused(task, command, words):
-    with pytest.raises(InputError, match=words):
-        external(task, command=command)
-
-
 def test_soft_handles_need_json_and_other_formats_are_refused(run, task):
     soft = DeformationTask("soft", task.mesh, Handles([0, 9], task.mesh.V[[0, 9]], weight=5.0))
     with pytest.raises(InputError, match="handles_format=txt takes no soft handles"):

@@ -9,7 +9,6 @@ import pytest
 import sshade
 from defaust.example import POSES
 from sshade import DeformationTask, Mesh, read_handles
-from tests.robustness.case import run
 
 BENCHMARK = ["hydra", "igl", "omegaconf", "pandas", "pymeshlab", "trimesh"]
 
@@ -40,9 +39,3 @@ def test_a_deformed_example_is_near_its_true_pose(example, pose, farthest):
     U = sshade.deform(DeformationTask("example", rest, handles), vertices=1500).vertices
     distance = 100 * np.linalg.norm(U - truth, axis=1).mean() / rest.diagonal
     assert distance < farthest < 100 * np.linalg.norm(rest.V - truth, axis=1).mean() / rest.diagonal
-
-
-def test_a_second_example_in_a_folder_says_that_it_replaced_the_first(here):
-    command = "defaust example --subdivisions 0 body"
-    told = [run(command)[1].partition(";")[0] for _ in range(2)]
-    assert told == ["body/rest.ply: 6,890 vertices", "body/rest.ply: replaced, 6,890 vertices"]

@@ -1,7 +1,5 @@
 """Tasks as methods see them, with handles of every kind, and pose transfers."""
 
-import json
-
 import numpy as np
 import pytest
 from scipy.sparse.csgraph import dijkstra
@@ -9,18 +7,13 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from defaust.edits import Inflate, Unedited
-from defaust.tasks import TaskId, list_tasks, load_task
+from defaust.tasks import load_task
 from defaust.tasks.handle_kinds import FEW, REACH, of_kind
-from sshade import Handles, InputError, Mesh, TransferTask
+from sshade import Handles, Mesh, TransferTask
 from sshade.files.meshes import read_mesh, write_mesh
 from sshade.mesh.adjacency import vertex_graph
 from tests.defaust.toy import relist
 from tests.shapes import end_handles, icosphere
-
-
-def test_tasks_are_listed_by_subjects_and_poses(finished):
-    assert list_tasks(finished) == [TaskId(s, p) for s in range(3) for p in (1, 2)]
-    assert list_tasks(finished, subjects=[2, 0], poses=[1]) == [(0, 1), (2, 1)]
 
 
 def test_a_task_at_low_resolution_is_exact(finished):
@@ -33,7 +26,7 @@ def test_a_task_at_low_resolution_is_exact(finished):
     assert task.meta["snap_max"] == 0 and task.meta["merged"] == 0
 
 
-def test_static_handles_stay_at_their_vertices_and_raw_handles_keep_their_targets(finished):
+def test_static_handles_stay_at_their_vertices(finished):
     task = load_task(finished, subject=0, pose=1)
     assert (
         task.meta["snap_max"] == task.handles.snapping.distance.max() > task.handles.snapping.distance.min()
@@ -44,12 +37,6 @@ def test_static_handles_stay_at_their_vertices_and_raw_handles_keep_their_target
     # Group ids are landmark ids: the top (0) moves, the bottom (1) stays.
     assert set(task.handles.group[task.handles.dynamic]) == {0}
     assert set(task.handles.group[~task.handles.dynamic]) == {1}
-    raw = load_task(finished, subject=0, pose=1, raw=True)
-    stored = json.loads((finished / "subject_00/pose_1.json").read_text())["handles"]
-    targets = {tuple(t) for h in stored[:2] for t in h["target"]}
-    assert raw.meta["merged"] + len(raw.handles) == len(targets) == 12
-    # Handles that are not merged keep their stored targets.
-    assert sum(tuple(t) in targets for t in raw.handles.target.tolist()) >= 12 - 2 * raw.meta["merged"] > 0
 
 
 def test_a_task_without_ground_truth_has_a_reason(dataset):
@@ -174,15 +161,3 @@ def test_of_two_regions_that_meet_each_vertex_is_of_the_nearer(ball):
     nearer = np.argmin([distances(ball, top), distances(ball, beside)], axis=0)[regions.index]
     np.testing.assert_array_equal(regions.group, nearer)
     np.testing.assert_allclose((regions.target - ball.V[regions.index])[:, 0], 1.0 + nearer, atol=1e-12)
-
-
-def test_a_task_takes_any_kind_and_is_named_by_it(finished):
-    stored = load_task(finished, subject=1, pose=2)
-    for kind in ("points", "landmarks", "regions"):
-        task = load_task(finished, subject=1, pose=2, handles=kind)
-        assert task.name == f"{stored.name}/{kind}" and task.meta["handles"] == kind
-        # The pose turns the whole body, so all handles agree with the ground truth.
-        truth = stored.truth[task.handles.index]
-        np.testing.assert_allclose(task.handles.target, truth, atol=2e-2 * stored.mesh.diagonal)
-    with pytest.raises(InputError, match="a pose transfer has no handles; leave handles=points out"):
-        load_task(finished, subject=1, pose=2, handles="points", edit=Unedited())

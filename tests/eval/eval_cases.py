@@ -14,7 +14,7 @@ from eval.metrics import Task
 from eval.run.config import RunConfig, RunSettings
 from eval.run.run import Outcome
 from eval.run.run import run as run_config
-from sshade import DeformationResult, DeformationTask, InputError, Mesh
+from sshade import DeformationResult, DeformationTask, Mesh
 from sshade.core.progress import silent
 from tests.shapes import bumpy, end_handles
 
@@ -57,20 +57,6 @@ def ends_task(mesh: Mesh, *, angle: float = 30.0, name: str = "ends") -> Deforma
 def bumpy_task(*, level: int = 3, angle: float = 30.0) -> DeformationTask:
     """Load the task of ``dataset=bumpy``."""
     return ends_task(bumpy(level), angle=angle, name=f"bumpy_{angle:g}")
-
-
-def list_cases(root: str, *, subjects=None, poses=None) -> list[tuple[int, int]]:
-    """List the cases of ``dataset=listed``: two poses of subject 0 and a pose of subject 1."""
-    there = [(0, 1), (0, 2), (1, 1)]
-    for pose in poses or ():
-        if pose not in {p for _, p in there}:
-            raise InputError(f"there is no pose {pose}")
-    return [(s, p) for s, p in there if s in (subjects or (0, 1)) and p in (poses or (1, 2))]
-
-
-def listed_task(root: str, *, subject: int, pose: int) -> DeformationTask:
-    """Load a case of ``dataset=listed``; its angle encodes the subject and the pose."""
-    return bumpy_task(level=2, angle=10 * subject + pose)
 
 
 def failing(task, *, seed: int, progress=silent) -> DeformationResult:

@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 
+from eval.run.environment import environment
 from sshade import InputError, Mesh
 from sshade.files.meshes import read_arrays
 
@@ -37,18 +38,21 @@ VARYING = (
     (re.compile(r"(?<![0-9A-Za-z])(?=[a-f]*[0-9])(?=[0-9]*[a-f])[0-9a-f]{8,64}(?![0-9A-Za-z])"), "<hash>"),
     (re.compile(r"[A-Za-z0-9+/]{120,}=*"), "<data>"),
     (re.compile(r" \(with changes\)"), ""),  # of the checkout
+    (re.compile(r"Commit: [0-9a-f]{8}"), "Commit: <hash>"),  # also of digits alone
     (re.compile(r"Shortest mean time: [^<\n]*"), "<shortest time>"),
     (re.compile(r"about \d+:\d\d:\d\d left"), "<some> left"),
 )
+MACHINE = environment(jobs=1)
 #: Fields and columns that are times, or facts of the machine and of the version.
 TIMES = re.compile(
-    r"seconds|cpu|memory|date|env|hash|key|version|commit|machine|measured|bytes|sha256|checksum"
+    r"seconds|cpu|memory|date|env|hash|key|version|commit|machine|measured|bytes|sha256|checksum|^tools"
 )
 
 
 def steady(text: str) -> str:
     """Return a text without times, dates, checksums and the working folder."""
-    text = text.replace(str(Path.cwd()), ".")
+    for own, word in ((str(Path.cwd()), "."), (MACHINE["machine"], "<machine>"), (MACHINE["cpu"], "<cpu>")):
+        text = text.replace(own, word)
     for pattern, word in VARYING:
         text = pattern.sub(word, text)
     return text

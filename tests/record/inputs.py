@@ -4,14 +4,19 @@ import json
 import os
 import shutil
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
+from eval.rows.frame import write_csv
 from sshade import Handles, Mesh
 from sshade.files.mesh_file import SUFFIXES
 from sshade.files.meshes import read_arrays, write_mesh
 from sshade.files.task_files import write_handles
+from tests.defaust.registrations import write_faust
+from tests.defaust.test_sequence import write_class
+from tests.eval import eval_rows
 from tests.files import SAMPLES
 from tests.robustness.case import run
 from tests.robustness.inputs import BODY, pose, write_sound
@@ -30,6 +35,7 @@ from tests.shapes import (
     shifted,
     strip,
     torn,
+    torus,
     tube,
 )
 from tests.sshade.mesh.test_cutting import moebius, t_fin
@@ -258,3 +264,39 @@ def handle_files() -> None:
     for name, ids in parts.items():
         Path(name).parent.mkdir(exist_ok=True)
         np.savetxt(f"{name}.txt", 0.8 * V[ids] / V.max() + 0.1 * (name == "transforms/up"), fmt="%.9g")
+
+
+def sources() -> None:
+    """Write two classes of meshes, and two poses of a body in FAUST's layout."""
+    write_class(Path("classes"), "cat", icosphere(1))
+    write_class(Path("classes"), "dog", torus())
+    write_faust(Path("faust"), poses=(0, 1))
+
+
+def published() -> None:
+    """Write rows of experiments, and those that are published already."""
+    row = partial(eval_rows.row, env__commit="1")
+    old = [row("a"), row("b"), row("c"), row("c", "t2"), row("d")]
+    new = [row("a", date="2026-01-02", iterations=1.0), row("b", date="2025-01-01", iterations=2.0)]
+    again = [row("a", task, method__hash="other", iterations=5.0) for task in ("t1", "t2")]
+    newer = [row("c", task, method__version=2, iterations=3.0) for task in ("t1", "t2")]
+    for name, published, own in (
+        ("tiny", [row("early")], [row("arap"), row("paper")]),
+        ("mixed", [], [row("a"), again[1]]),
+        ("lacking", old, [*new, newer[0]]),
+        ("newer", old, [*new, *newer]),
+        ("half_again", [row("a"), row("a", "t2"), row("b")], again[:1]),
+        ("again", [row("a"), row("a", "t2"), row("b")], again),
+        ("modified", [], [row("a"), row("b", env__modified=True)]),
+        ("no_commit", [], [row("a", env__commit=None)]),
+        ("own", [], [row("a"), row("b", method__target="mine.method")]),
+        ("own_proxy", [], [row("b", method__proxy_method__target="mine.own")]),
+        ("program", [], [row("p", method__command="[mine]")]),
+        ("measures", [row("a")], [row("b", measures=2)]),
+    ):
+        for folder, these in (("results", published), ("out", own)):
+            if these:
+                write_csv(f"{folder}/rows/{name}.csv", eval_rows.frame(*these))
+    for name in ("tiny.png", "tiny_time.svg", "other.png"):
+        Path("out/figures").mkdir(exist_ok=True)
+        Path("out/figures", name).write_text("a picture")

@@ -1,6 +1,5 @@
 """The benchmark command on a small mesh: every kind writes its rows, and a mistake gives one sentence."""
 
-import shlex
 from pathlib import Path
 from time import sleep
 
@@ -8,12 +7,11 @@ import numpy as np
 import pytest
 
 from baselines import arap
-from eval.bench import cases, jobs, quality
+from eval.bench import quality
 from eval.bench.bench import read_cases, write_tables
 from eval.bench.turns import ATTEMPTS, Job, Reading, take_turns, used_by_others
 from eval.main import call, main
 from eval.rows.frame import numbers, read_csv, write_csv
-from eval.run.warmup import tiny_transfer
 from sshade import InputError
 
 ONE = "paper-1=paper samplings=1 vertices=150"
@@ -117,39 +115,6 @@ def test_the_command_line(machine):
     assert rows["method.name"].tolist() == ["sshade deform --method paper"]
     assert (numbers(rows, "seconds.method") > 0).all() and (numbers(rows, "peak_mib") > 50).all()
     assert (numbers(rows, "seconds.method") < numbers(rows, TOTAL)).all()
-
-
-CASE = "'mesh mesh=rest.ply handles=pose.json'"
-ARAP, DRAG = f"speed --cases {CASE} --methods arap", f"drag --cases {CASE} --methods"
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (f"speed --methods elastik --cases {CASE}", "there is no method 'elastik'"),
-        (f"{ARAP} 'arap start=rigid'", "two methods are named 'arap'"),
-        (f"speed --methods transfer/paper --cases {CASE}", "takes a TransferTask"),
-        ("whole --methods paper --sizes 9", "whole needs --cases"),
-        (f"{ARAP} --extrapolate x", "none of the methods"),
-        (f"{DRAG} '{ONE}' --extrapolate paper-1", "drag takes no --extrapolate"),
-        (f"{DRAG} arap", "sshade.Deformer binds the methods paper and fast"),
-        (f"{ARAP} --rounds 0", "take numbers from 1"),
-        (f"{ARAP} --name ../x", "no name of a file"),
-    ],
-)
-def test_mistakes_are_told_in_a_sentence(machine, case, capsys, arguments, words):
-    assert main(["bench", *shlex.split(arguments)]) == 2
-    told = capsys.readouterr().err.splitlines()[-1]
-    assert told.startswith("error: ") and words in told
-    assert not Path("out").exists()
-
-
-def test_pose_transfers_are_neither_subdivided_nor_deformed_by_the_command(monkeypatch):
-    monkeypatch.setattr(cases, "task_of", lambda *_, **__: tiny_transfer())
-    with pytest.raises(InputError, match="icosphere is a pose transfer"):
-        cases.TimedCase({}, level=1).load()
-    with pytest.raises(InputError, match="icosphere is a pose transfer"):
-        jobs.time_commands(["fast"], [cases.TimedCase({})], rounds=1)
 
 
 def job(name, order):

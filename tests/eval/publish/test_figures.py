@@ -6,16 +6,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from eval_cases import bumpy_task
-from eval_rows import frame, lost, row
 
 from eval.main import call
 from eval.publish import figures, panels
-from eval.publish.figures import chart_of, of_one_error, read_cases, time_and_truth
+from eval.publish.figures import of_one_error, read_cases
 from eval.publish.panels import Camera, Case, error_of, row_of
 from eval.rows.collect import Experiment
 from eval.rows.frame import read_csv, records
 from eval.rows.store import read_row, run_folders
-from sshade import DeformationTask, InputError, Mesh, TransferTask
+from sshade import DeformationTask, Mesh, TransferTask
 from sshade.plotting.pictures import edge_error
 from tests.shapes import bumpy
 
@@ -64,37 +63,6 @@ def test_the_picture_of_an_experiment_is_that_of_the_configuration(tiny, tmp_pat
     assert [panel.name for panel in shown_row.panels] == ["rest", "failing", "stretching"]
     assert drawn["title"].startswith("T\nThe lighter, the less edges") and "change of edge" in drawn["label"]
     assert shown_row.panels[0].view.axes[1].argmax() == 2
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"names": ["bumpy_99"]}, "no case 'bumpy_99'; there are bumpy_10, bumpy_40"),
-        ({"methods": ["arap", "nobody"]}, "no run of 'nobody'"),
-    ],
-)
-def test_what_was_not_run_is_a_clear_error(experiment, options, message):
-    with pytest.raises(InputError, match=message):
-        read_cases(experiment, **{"names": [], "methods": [], **options})
-
-
-def timed(method, task, seconds, truth, **changes):
-    return row(method, task, seconds__total=seconds, metric__truth_distance=truth, **changes)
-
-
-def test_means_are_over_the_cases_that_all_have_and_seeds_count_once():
-    rows = [timed("a", "t1", 1.0, 2.0), timed("a", "t2", 3.0, 4.0), timed("a", "t3", 99.0, 99.0)]
-    rows += [timed("b", "t1", 5.0, 1.0), timed("b", "t2", 7.0, 3.0), lost("b", "t3")]
-    rows += [timed("b", "t1", 7.0, 3.0, seed=1), timed("nothing", "t1", 0.0, 9.0)]
-    rows[-1]["method.target"] = "baselines.identity.identity"
-    assert time_and_truth(frame(*rows)) == {"a": (2.0, 3.0), "b": (6.5, 2.5)}
-
-
-def test_a_chart_needs_two_methods_with_a_truth():
-    assert chart_of(frame(timed("a", "t1", 1.0, 2.0), row("b"))) is None
-    (axes,) = chart_of(frame(timed("a", "t1", 1.0, 2.0), timed("b", "t1", 9.0, 1.0))).axes
-    points = {line.get_label(): line.get_xydata()[0].tolist() for line in axes.lines[:2]}
-    assert points == {"a": [1.0, 2.0], "b": [9.0, 1.0]}
 
 
 CAMERA = Camera(towards=np.array([1.0, 0, 0.2]), up=np.array([0.0, 0, 1]))

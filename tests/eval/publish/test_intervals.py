@@ -7,16 +7,13 @@ from itertools import combinations_with_replacement
 import numpy as np
 import pandas as pd
 import pytest
-from eval_rows import frame, row, table_of
+from eval_rows import row, table_of
 from scipy import stats
 
-from eval.main import call
 from eval.publish import resamples
 from eval.publish.columns import Column
-from eval.publish.intervals import LEAST, LEVEL, Resampling, differences, interval, places
+from eval.publish.intervals import LEVEL, Resampling, differences, interval, places
 from eval.publish.tables import to_markdown
-from eval.rows.frame import write_csv
-from sshade import InputError
 
 METHODS = ("elastic", "near", "far")
 EDGE = Column("edge", "%", "metric.edge", 2)
@@ -143,14 +140,3 @@ def test_methods_that_cannot_be_told_apart_from_the_best_share_its_rank():
     assert places(of_cases, crossed(5, 1), EDGE).to_dict() == {"a": 1, "b": 1, "d": 1, "c": 4, "e": 4}
     to_a = differences(of_cases, "a", crossed(5, 1), decimals=2)
     assert (to_a["low"] > 0).to_dict() == {"a": False, "b": False, "c": True, "d": False, "e": True}
-
-
-def test_the_reference_can_be_chosen(tmp_path, capsys):
-    rows = [r for k, name in enumerate(METHODS) for r in on_cases(name, [[k + 1.0]] * LEAST["cases"])]
-    write_csv(tmp_path / "t.csv", frame(*rows))
-    arguments = [str(tmp_path / "t.csv"), "-o", str(tmp_path / "tables"), "--reference"]
-    assert call("tables", [*arguments, "near"]) == 0
-    text = capsys.readouterr().out
-    assert "difference to near, with its" in text and "-1.00 [-1.00, -1.00]" in text
-    with pytest.raises(InputError, match="t has no method 'nobody'; it has elastic, far, near"):
-        call("tables", [*arguments, "nobody"])

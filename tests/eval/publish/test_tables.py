@@ -1,57 +1,13 @@
 """Tables: small tables by hand, common cases, seeds, and rows that must not be mixed."""
 
 import numpy as np
-import pandas as pd
 import pytest
 from eval_rows import lost, missing, row, table_of
 
 from eval.metrics import METRICS
 from eval.publish.columns import COLUMNS, REACHED, SUCCESS, TRANSFER_COLUMNS
-from eval.publish.tables import to_latex, to_markdown
+from eval.publish.tables import to_markdown
 from sshade import InputError
-
-
-@pytest.fixture
-def rows():
-    novolume = {"metric__volume": None, "converged": None}
-    return [
-        row("arap", metric__volume=4.0),
-        row("arap", "t2", metric__volume=8.0, iterations=20.0, status="not_converged", converged=False),
-        row("paper_plain", metric__angle=1.0, **novolume),
-        row("paper_plain", "t2", metric__angle=2.0, metric__handle=0.2, **novolume),
-        lost("worse"),
-    ]
-
-
-def test_markdown(rows):
-    lines = to_markdown(table_of(*rows)).splitlines()
-    assert lines[:15] == [
-        "### t",
-        "",
-        "| method | runs | volume (%) | area (%) | EL (%) | FA (deg) | handle (%) | iterations |",
-        "| --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: |",
-        "| arap | 2 | 6.00 | 2.00 | 3.00 | 4.000 | 0.000 | 15 (1/2) |",
-        "| worse | 0/2 | failed | failed | failed | failed | failed | failed |",
-        "| paper_plain | 2 | n/a | 2.00 | 3.00 | 1.500 | 0.100 | 10 |",
-        "",
-        "#### t: further measures",
-        "",
-        "| method | runs | success (%) |",
-        "| --- | ---: | ---: |",
-        "| arap | 2 | 100.0 |",
-        "| worse | 0/2 | 0.0 |",
-        "| paper_plain | 2 | 50.0 |",
-    ]
-    notes = "\n".join(lines[15:])
-    assert "2 cases of 1,000 vertices, 2 subjects; means over all of them." in notes
-    assert "Machine: box." in notes
-    assert "- worse: 1 failed (ValueError: no): t1.\n- worse: 1 missing (never run): t2." in notes
-
-
-def test_latex_compiles_with_any_label_and_with_notes_of_several_lines():
-    text = to_latex(table_of(row(r"a_b^2~\c", method__note="one & two\nthree\n")))
-    assert r"% a_b^2~\c: one & two three" in text.splitlines()
-    assert r"a\_b\^{}2\~{}\textbackslash{}c & 1 & 1.00" in text
 
 
 def test_every_measure_has_a_place_in_a_table():
@@ -86,33 +42,6 @@ def test_rows_that_must_not_be_mixed_are_refused(one, two, words):
         table_of(row("a", **one), row("b"), row("a", **{"task": "t2", **two}))
 
 
-def test_the_true_pose_is_a_line_at_the_foot_that_no_rank_and_no_note_on_runs_knows():
-    cases = [f"t{i}" for i in range(6)]
-    rows = [row(name, task, metric__truth_distance=t) for name, t in (("a", 2), ("b", 1)) for task in cases]
-    without = table_of(*rows)
-    assert "true pose: not measured here." in without.notes
-    facts = {"iterations": None, "converged": None, "seconds.total": None, "metric.truth_distance": 0.0}
-    facts |= {"env.machine": "another", "task.checksum": "last bits", "env.commit": "0123456789"}
-    true = [row("true pose", task, metric__edge=2.0 + i) | facts for i, task in enumerate(cases)]
-    table = table_of(*rows, *true)
-    *lines, last = to_markdown(table).split("\n\n")[1].splitlines()
-    assert lines == to_markdown(without).split("\n\n")[1].splitlines()
-    assert last == "| true pose | 6 | 1.00 | 2.00 | 4.50 | 4.000 | 0.000 | n/a |"
-    pd.testing.assert_frame_equal(table.places.drop(index="true pose"), without.places)
-    assert table.places.loc["true pose"].isna().all() and "true pose" not in table.differences["truth"].index
-    assert table.notes[:-2] == [note.replace(".", "; 01234567 (true pose).", 1) if "Commit" in note else note
-                                for note in without.notes[:-2]]  # fmt: skip
-    # Of another set of cases, its means would not compare.
-    assert "true pose: its rows are not one for each case." in table_of(*rows, *true[1:]).notes
-
-
-def test_lines_of_other_commits_and_settings_are_named():
-    facts = (("a", "1" * 9, "rest"), ("b", "1" * 9, "rigid"), ("c", "2" * 9, "rest"))
-    notes = table_of(*(row(a, env__commit=b, method__start=c) for a, b, c in facts), row("d")).notes
-    assert "Start of iterations: rest; rigid (b)." in notes
-    assert any(note.startswith("Commit: 11111111; 22222222 (c)") for note in notes)
-
-
 def on(method, volumes, **changes):
     """Return a row of a method for each case t0, t1, and so on. A volume of None gives a failed run."""
     return [
@@ -134,13 +63,6 @@ def test_means_ranks_and_worst_cases_are_over_the_cases_that_all_have():
     assert "b: 1 failed (ValueError: no): t5." in table.notes
     (worst,) = table.parts
     assert worst.means["volume"].tolist() == [2.0, 3.0] and worst.places.isna().all(axis=None)
-
-
-def test_of_a_method_with_few_cases_the_most_frequent_failure_is_shown():
-    few = on("c", [1.0, 1.0], status="not_converged")
-    rows = [*on("a", [2.0] * 5), *on("b", [3.0] * 5), *few, lost("c", "t2")]
-    rows.append(lost("c", "t3", status="timeout"))
-    assert table_of(*rows).lines.loc["c", ["outcome", "competes"]].tolist() == ["failed", False]
 
 
 def test_a_result_without_a_measure_has_no_mean_of_the_others():
@@ -178,10 +100,3 @@ def test_a_case_counts_with_the_mean_over_its_seeds_and_the_spread_is_shown():
     # The mean over the cases is 3 with seed 0 and 6 with seed 1.
     assert table.spread.at["s", "volume"] == pytest.approx(np.std([3.0, 6.0], ddof=1))
     assert np.isnan(table.spread.at["a", "volume"])
-
-
-def test_rows_of_an_older_version_are_named_also_under_a_label():
-    fast = {"method__method": "fast"}
-    rows = [row("mine", **fast), row("fast", **fast), row("new", method__version=99, **fast), row("theirs")]
-    (note,) = [note for note in table_of(*rows).notes if "Of an older version" in note]
-    assert note.endswith("Of an older version than today's code: fast, mine.")

@@ -3,13 +3,13 @@
 from pathlib import Path
 
 import pytest
-from eval_rows import frame, lost, row
+from eval_rows import frame, row
 
 from eval.main import call
 from eval.publish.summary import make_table
 from eval.publish.tables import to_markdown
 from eval.rows import splits
-from eval.rows.collect import Experiment, read_experiments
+from eval.rows.collect import read_experiments
 from eval.rows.frame import newest, read_csv, records, write_csv
 from eval.rows.splits import BOTH, HELD_OUT, TUNING, require_split, split_of
 from eval.rows.store import read_row, run_folder, write_row, write_run
@@ -77,34 +77,6 @@ def test_a_newer_version_replaces_an_older_one_whatever_its_date():
     assert records(newest(frame(row(measures=2), late))) == [row(measures=2)]
 
 
-@pytest.fixture
-def people(tmp_path):
-    for who, rows in {
-        "alice": [row(key="k1", task__source="t"), row(seed=1, key="k2", task__source="t")],
-        "bob": [
-            row(key="k1", date="2026-01-02", task__source="/t"),
-            row(env__machine="laptop", key="k1", task__name="u"),
-        ],
-    }.items():
-        for i, one in enumerate(rows):
-            write_run(tmp_path / who / "quick" / str(i), one)
-    write_run(tmp_path / "alice" / "other" / "0", row())
-    return tmp_path
-
-
-def test_folders_of_one_name_are_one_experiment(people):
-    folders = [str(people / who) for who in ("alice/quick", "alice/other", "bob/quick")]
-    assert call("collect", [*folders, "-o", str(people / "rows")]) == 0
-    merged = read_csv(people / "rows/quick.csv")[["task.name", "seed", "env.machine", "date"]]
-    first, second, third = merged.to_numpy().tolist()
-    assert first == ["t1", 0, "box", "2026-01-02"] and second == ["t1", 1, "box", "2026-01-01"]
-    assert third == ["u", 0, "laptop", "2026-01-01"]
-    assert len(read_csv(people / "rows/other.csv")) == 1
-    again = people / "again"
-    assert call("collect", [*reversed(folders), "-o", str(again)]) == 0
-    assert (again / "quick.csv").read_bytes() == (people / "rows/quick.csv").read_bytes()
-
-
 def test_a_damaged_row_is_left_out_with_a_note(here, capfd):
     for task in ("t1", "t2"):
         write_run(here / "out/runs/mine" / task, row(task=task))
@@ -113,28 +85,6 @@ def test_a_damaged_row_is_left_out_with_a_note(here, capfd):
     assert call("collect", ["mine"]) == 0
     assert "t2/row.json: not a row" in capfd.readouterr().err
     assert list(read_csv("out/rows/mine.csv")["task.name"]) == ["t1"]
-
-
-def test_cases_of_an_experiment():
-    one = [row("arap", seed=1), row("arap"), row("paper"), lost("paper", "t2"), row("b", "t2")]
-    low = row("arap", task__checksum="low", task__vertices=100)
-    cases = Experiment("tiny", frame(*one, low), Path()).cases()
-    cases = list(cases)
-    assert {r["seed"] for case in cases for r in case} == {0}  # the first one
-    told = [[(r["task.name"], r["task.vertices"], r["method.name"]) for r in case] for case in cases]
-    assert told == [[("t1", 100, "arap")], [("t1", 1000, "arap"), ("t1", 1000, "paper")], [("t2", 1000, "b")]]
-
-
-def test_experiments_are_found_by_name(here):
-    with pytest.raises(InputError, match="holds no rows"):
-        read_experiments([])
-    write_csv("out/rows/tiny.csv", frame(row()))
-    write_csv("elsewhere/tiny.csv", frame(row(), row("b")))
-    for names in ([], ["tiny"], ["out/rows/tiny.csv"]):
-        (found,) = read_experiments(names)
-        assert found.name == "tiny" and len(found.rows) == 1 and str(found.runs) == "out/runs/tiny"
-    with pytest.raises(InputError, match="two experiments are named 'tiny'"):
-        read_experiments(["tiny", "elsewhere/tiny.csv"])
 
 
 def test_rows_are_published_or_ones_own(here):
