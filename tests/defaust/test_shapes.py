@@ -8,8 +8,6 @@ import pytest
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from defaust.build.dataset import build
-from defaust.build.options import BuildOptions
 from defaust.build.upsample import self_intersecting
 from defaust.build.verify import verify
 from defaust.cli import main
@@ -121,9 +119,6 @@ def test_what_is_refused(built, tmp_path):
     dataset = shutil.copytree(built, tmp_path / "shapes")
     with pytest.raises(InputError, match="has no registered pose to transfer"):
         load_task(dataset, subject=BAR, pose=1, edit=Unedited())
-    few = BuildOptions(target_vertices=999)
-    with pytest.raises(InputError, match="subject 0: generated shapes have 1000 vertices or more, not 999"):
-        build(Shapes(), tmp_path / "x", options=few, workers=1)
     change(dataset, lambda d: d["source"]["formulas"].update(bar="another"))
     with pytest.raises(InputError, match="generates the dataset's shapes by other formulas; build it again"):
         load_task(dataset, subject=CYLINDER, pose=1)

@@ -79,8 +79,3 @@ def test_a_glob_finds_the_methods_of_conf_and_of_a_users_folder(tmp_path):
     known = [path.stem for path in (CONFIGURATION / "method").glob("*.yaml")]
     sweep = ["experiment=quick", "subject=0", "pose=1,2", "method=glob(*,exclude=[arap])"]
     assert prepared(["-m", "--config-dir", str(tmp_path), *sweep]).overrides[-1] == f"run.of={2 * len(known)}"
-
-
-def test_a_sweep_over_a_range_of_one_value_is_one_run():
-    sweep = ["-m", "experiment=quick", "subject=range(1,2)", "pose=1", "method=fast"]
-    assert prepared(sweep).overrides[-3:] == ["subject=1", "pose=1", "run.of=1"]

@@ -42,11 +42,8 @@ def test_a_row_holds_everything(task, tmp_path):
     row = read_row(outcome.folder)
     assert row == outcome.row and not outcome.found and not outcome.failed
     assert np.load(outcome.folder / "vertices.npy").dtype == np.float32
-    assert row["status"] == "not_converged" and row["converged"] is False and row["iterations"] == 5
-    assert row["method.name"] == "arap" and row["method.max_iterations"] == 5 and row["seed"] == 4
-    assert row["method.target"] == "baselines.arap.arap" and row["method.note"] == "after the paper"
+    assert row["method.note"] == "after the paper"
     assert not any(column.startswith("method.warm_up") for column in row)
-    assert row["task.name"] == "bumpy_30" and row["task.vertices"] == 162 and row["task.meta.angle"] == 30
     given = {name for name, metric in METRICS.items() if "truth" not in metric.needs}
     assert {name for name in row if name.startswith("metric.")} == {f"metric.{name}" for name in given}
     assert row["seconds.total"] >= row["seconds.solve"] > 0 and row["seconds.cpu"] > 0

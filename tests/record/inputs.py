@@ -293,6 +293,9 @@ def published() -> None:
         ("own_proxy", [], [row("b", method__proxy_method__target="mine.own")]),
         ("program", [], [row("p", method__command="[mine]")]),
         ("measures", [row("a")], [row("b", measures=2)]),
+        ("no_status", [], [row("a", status="fine")]),
+        ("no_date", [], [row("a", date="")]),
+        ("no_number", [], [row("a", metric__edge="small")]),
     ):
         for folder, these in (("results", published), ("out", own)):
             if these:

@@ -35,20 +35,6 @@ def test_a_file_that_lost_its_end_is_noticed_wherever_it_was_cut(cut, tmp_path):
         read_csv(path)
 
 
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        ({"status": "fine"}, "its status is 'fine'"),
-        ({"date": ""}, "it has no date"),
-        ({"metric.edge": "small"}, "its metric.edge is 'small'"),
-    ],
-)
-def test_rows_that_no_run_wrote_are_refused(tmp_path, changes, words):
-    write_csv(tmp_path / "r.csv", frame(row() | changes))
-    with pytest.raises(InputError, match=words):
-        read_csv(tmp_path / "r.csv")
-
-
 @pytest.mark.parametrize("label", ["5.0", "1e3", "true", "nan", "007", "a|b"])
 def test_a_label_that_looks_like_a_number_is_a_name(label, tmp_path):
     write_csv(tmp_path / "r.csv", frame(row(label), row("arap")))

@@ -29,9 +29,11 @@ from eval.publish.summary import make_table
 from eval.publish.tables import FORMATS
 from eval.rows.collect import Experiment
 from eval.rows.frame import newest, records
+from eval.rows.store import write_run
 from sshade import DeformationTask, Mesh, TransferTask, deform
 from tests.defaust.toy import OPTIONS, Balls
 from tests.eval.eval_rows import frame, lost, row
+from tests.files import contents
 from tests.record.scenes.scene import Values, patches, scene
 from tests.shapes import bent, beside, bumpy, end_handles, icosphere, shifted, strip
 
@@ -133,7 +135,7 @@ def tables() -> Values:
             row("a", method__start="rest"),
             row("b", method__start="rigid", method__note="one\ntwo"),
         ],
-        "builds": [row("a"), row("a", task__checksum="d", task__vertices=2, seed=1), row("b")],
+        "builds": [row("a"), row("a", task__checksum="d", seed=1), row("b")],
     }
     for name, own in rows.items():
         given = newest(frame(*own))
@@ -145,3 +147,6 @@ def tables() -> Values:
         for case in Experiment(name, given, Path()).cases():
             yield f"{name}, case", [f"{r['method.name']} {r['task.name']} {r['seed']}" for r in case]
         yield f"{name}, rows", len(records(given))
+    write_run("run", row(), vertices=np.eye(3))
+    write_run("run", lost("a"))
+    yield "files of a run that failed after one with a result", sorted(contents("run"))
