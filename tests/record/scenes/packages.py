@@ -88,7 +88,7 @@ def baselines() -> Values:
 
 
 @scene
-def datasets() -> Values:
+def tasks() -> Values:
     build(Balls(subjects=(0, 1)), Path("balls"), options=OPTIONS, workers=1)
     yield (
         "tasks",
