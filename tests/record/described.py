@@ -45,7 +45,7 @@ VARYING = (
 MACHINE = environment(jobs=1)
 #: Fields and columns that are times, or facts of the machine and of the version.
 TIMES = re.compile(
-    r"seconds|cpu|memory|date|env|hash|key|version|commit|machine|measured|bytes|sha256|checksum|^tools"
+    r"seconds|cpu|memory|date|env|hash|key|version|commit|machine|measured|bytes|sha256|checksum|peak|^tools"
 )
 
 
