@@ -10,7 +10,6 @@ from pathlib import Path
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import pytest
-import yaml
 from hypothesis import settings
 from numba.core import event
 
@@ -24,9 +23,6 @@ from tools.compile_kernels import LIST
 # Child processes import the packages of this folder.
 ROOT = Path(__file__).parents[1]
 os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
-
-# Hydra reads a hundred files for each run; the parser in C takes a third of the time.
-yaml.SafeLoader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 LISTED = set(LIST.read_text("utf-8").splitlines())
 
