@@ -11,6 +11,7 @@ from sshade import read
 pytest.importorskip("pymeshlab")
 
 
+@pytest.mark.full
 def test_the_examples_run_and_the_commands_give_what_the_code_gives(here, capfd):
     names = run_examples(here, subdivisions=0)
     mesh, posed = names["mesh"], names["posed"]

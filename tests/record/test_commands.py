@@ -7,16 +7,19 @@ import sys
 
 import pytest
 
+from tests.full import few
 from tests.record import inputs
 from tests.record.compared import differences
 from tests.record.transcript import COMMAND, played, recorded, transcripts
 
+#: Transcripts that take long: each command composes a configuration, or begins a build.
+SLOW = {"evaluator_refusals", "dataset_refusals"}
 #: What may stand beside the sentence of a refusal: notes, stages before it, and the recipe of a build that a
 #: rerun completes, or the row of a program that failed.
 BESIDE = re.compile(r"err: (note|warm-up): |\S+/\.build/recipe\.json: |\S+/row\.json: ")
 
 
-@pytest.mark.parametrize("name", transcripts())
+@pytest.mark.parametrize("name", few(transcripts(), *(name for name in transcripts() if name not in SLOW)))
 def test_commands_say_and_write_what_is_recorded(name, here):
     lines = recorded(name)
     assert not (found := differences(played(lines), lines)), "\n".join(found)

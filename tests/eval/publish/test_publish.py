@@ -17,7 +17,7 @@ from tests.kernels import OFFERED
 RESULTS = Path(__file__).parents[3] / "results"
 ROWS = sorted((RESULTS / "rows").glob("*.csv"))
 #: Tables that take a second and more.
-SLOW = ("bodies_170k", "bodies_25k", "front_detail", "noisy_170k", "noisy_2mm")
+SLOW = ("bodies_170k", "bodies_25k", "faust_170k", "faust_low", "front_detail", "noisy_170k", "noisy_2mm")
 QUICK = [path for path in ROWS if path.stem not in SLOW]
 TIMES = sorted((RESULTS / "timing").glob("*.csv"))
 #: Program that prints the tables of rows in every format.

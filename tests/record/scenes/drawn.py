@@ -14,11 +14,11 @@ from sshade.plotting import pictures, view
 from sshade.plotting.pictures import View
 from sshade.plotting.view import ViewShape, packed_view, surface
 from tests.record.described import figure_facts
-from tests.record.scenes.scene import Values, scene
+from tests.record.scenes.scene import Values, outcomes
 from tests.shapes import bent, beside, bumpy, end_handles, shifted
 
 
-@scene
+@outcomes
 def figures() -> Values:
     rest = bumpy(2)
     V, F = np.array(rest.V), np.array(rest.F)
@@ -51,7 +51,7 @@ def figures() -> Values:
         yield str(sorted(look)), figure_facts(plot(rest, result, **look).page)
 
 
-@scene
+@outcomes
 def reduced() -> Values:
     """What a view shows of large meshes, and their pictures."""
     mesh = bumpy(3)
@@ -83,7 +83,7 @@ def reduced() -> Values:
         plotter.close()
 
 
-@scene
+@outcomes
 def rig() -> Values:
     """A body and a copy that follows it, with a vertex group of each kind and a vertex without a face."""
     body = bumpy(3)

@@ -11,7 +11,7 @@ import numpy as np
 
 from sshade.edit.commands import Commands
 from sshade.files.task_files import write_handles
-from tests.record.scenes.scene import Values, scene
+from tests.record.scenes.scene import Values, outcomes, scene
 from tests.shapes import beside, bumpy, moved_parts, rotation, shifted
 from tests.sshade.edit.lent import unpacked
 from tests.sshade.edit.sessions import begun, edited, ends, switched
@@ -83,7 +83,7 @@ def edits() -> Values:
     session.end(5)
 
 
-@scene
+@outcomes
 def editor_of_files() -> Values:
     """Handles of a file, other options, groups on a moved shape, and work that is recovered."""
     with mock.patch("sshade.edit.session.Thread"), mock.patch("sshade.edit.recovery._is_running") as runs:
@@ -130,7 +130,7 @@ def editor_of_files() -> Values:
         yield "recovered", saved("recovered.json")
 
 
-@scene
+@outcomes
 def editor_of_parts() -> Values:
     """Drags of several components, of a surface that is cut, and of every kind of group."""
     with mock.patch("sshade.edit.session.Thread"):

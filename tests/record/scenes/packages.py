@@ -34,7 +34,7 @@ from sshade import DeformationTask, Mesh, TransferTask, deform
 from tests.defaust.toy import OPTIONS, Balls
 from tests.eval.eval_rows import frame, lost, row
 from tests.files import contents
-from tests.record.scenes.scene import Values, patches, scene
+from tests.record.scenes.scene import Values, outcomes, patches, scene
 from tests.shapes import bent, beside, bumpy, end_handles, icosphere, shifted, strip
 
 
@@ -52,7 +52,7 @@ def measures() -> Values:
     yield "at rest", measure(TransferTask("t", mesh, mesh, mesh.V), mesh.V)
 
 
-@scene
+@outcomes
 def baselines() -> Values:
     mesh = bumpy(3)
     task = patches(mesh, 8)
@@ -87,7 +87,7 @@ def baselines() -> Values:
     yield "moved by a hair", moved(replace(task, truth=mesh.V), 3)
 
 
-@scene
+@outcomes
 def tasks() -> Values:
     build(Balls(subjects=(0, 1)), Path("balls"), options=OPTIONS, workers=1)
     yield (
@@ -111,7 +111,7 @@ def tasks() -> Values:
         yield name, edit(mesh)
 
 
-@scene
+@outcomes
 def tables() -> Values:
     """Rows of two subjects of a table by hand, of methods with failures, seeds, versions and no truth."""
 
