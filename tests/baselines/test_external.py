@@ -59,6 +59,7 @@ def test_each_format_of_a_mesh_keeps_every_bit(run, task, form):
 
 def test_seed_and_time_limit_reach_arguments_and_environment(run, tmp_path, monkeypatch):
     monkeypatch.setenv(TIME_LIMIT, "12.5")
+    monkeypatch.setenv("EVAL_SEED", "of another run")
     told = tmp_path / "told"
     text = f'echo "$@" $EVAL_SEED $EVAL_TIME_LIMIT > {told}; set -- $4 $5 $6; {SHIFTING}'
     run(text, "seed={seed}", "{time_limit}", "{other}", "{mesh}", "{handles}", "{output}", seed=7)

@@ -185,6 +185,7 @@ def test_a_changed_record_is_a_fault_and_is_not_read(dataset):
         (lambda h: h[0]["source"].__setitem__(2, [9.0, 9.0, 9.0]), "handle 2 is no vertex of rest_low.ply"),
         (lambda h: h[1]["source"].__setitem__(1, h[0]["source"][0]), "a vertex is a handle twice"),
         (lambda h: h[0].update(delta=1.0), "delta is 1.0"),
+        (lambda h: h[0].update(delta_mean=1.0), "delta_mean is 1.0"),
         (lambda h: h[1].update(kind="dynamic"), "listed as dynamic, and static when recomputed"),
     ],
 )

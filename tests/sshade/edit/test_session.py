@@ -57,11 +57,12 @@ def test_undo_and_redo_bring_back_what_was_and_its_shape():
 def test_a_drag_goes_on_from_where_the_group_was_released_and_from_where_it_was_brought_back(back):
     session, number = ready()
     _, free = ends(BODY.V)
+    session.select(np.arange(3), "replace")
     session.release(number, LIFT)
     settled(session, number, LIFT)
     assert np.allclose(session.shown[free], BODY.V[free] + 2 * LIFT.t)
     session.drag(number, turned(BODY.V, 2.0))
-    for _ in range(2 if back == "undo" else 0):
+    for _ in range(3 if back == "undo" else 0):  # both moves, and the selection before
         session.undo()
     if back == "restore":
         session.restore(number)

@@ -5,6 +5,7 @@ import pytest
 from scipy.interpolate import RBFInterpolator
 
 from sshade import DeformationTask, Handles, Mesh, deform
+from sshade.interpolation import dense_handles
 from sshade.interpolation.splines import fit_splines, interpolate, neighbours
 from sshade.regions.handle_regions import are_dense
 from tests.shapes import bent, icosphere, rotation
@@ -74,3 +75,10 @@ def test_a_node_as_far_from_all_centres_has_a_share_of_one():
     splines = fit_splines(x, x @ A.T, neighbours(x, every, every))
     V = np.outer([-1.0, 0, 1], [1, 0, 0])
     np.testing.assert_allclose(interpolate(splines, V), V @ A.T, atol=1e-12)
+
+
+def test_splines_of_some_handles_are_spread_over_all(monkeypatch):
+    monkeypatch.setattr(dense_handles, "SPLINES", 100)
+    index = np.argsort(BODY.V[:, 0])[::3]
+    found = deform(BODY.V, BODY.F, index, bent(BODY.V)[index], method="interpolate")
+    assert np.abs(found - bent(BODY.V)).max() < 0.01 * BODY.diagonal

@@ -8,7 +8,7 @@ from sshade import DeformationResult, Mesh, move_along
 from sshade.proxy.along import BEYOND, NEAREST, REACH
 from sshade.proxy.blended import nearest_rotations
 from sshade.proxy.vertex_maps import VertexMaps
-from tests.shapes import beside, bumpy, icosphere, jittered, shifted
+from tests.shapes import bent, beside, bumpy, icosphere, jittered, shifted
 from tests.sshade.mesh.test_cutting import t_fin
 
 BALL = jittered(icosphere(3), 0.05)
@@ -84,3 +84,12 @@ def test_no_point_is_allowed_and_one_as_far_from_all_samples_moves_with_their_me
     ball = icosphere(3)
     assert ball.n > NEAREST
     assert move_along(ball, ball.V + [0, 0, 2], np.zeros((1, 3))) == pytest.approx(np.array([[0, 0, 2.0]]))
+
+
+@pytest.mark.parametrize("unit", [1e-3, 1e6])
+def test_points_move_alike_in_any_unit(unit):
+    """A part of the edges is very short, so that their length has to be bounded."""
+    mesh = bumpy(3)
+    V, posed = (np.where(np.arange(mesh.n)[:, None] < 20, 1e-4 * W + W[0], W) for W in (mesh.V, bent(mesh.V)))
+    one, other = (move_along(Mesh(s * V, mesh.F), s * posed, s * 1.02 * V) / s for s in (1.0, unit))
+    assert np.abs(one - other).max() < 1e-9 * mesh.diagonal
