@@ -77,6 +77,7 @@ def test_the_function_and_the_program_of_the_page_run_on_one_case(mine):
     assert function["method.note"] == note
 
 
+@pytest.mark.full
 def test_several_values_with_labels_make_a_table(mine):
     (words,) = (shlex.split(text) for text in re.findall(r"`(-m method\.[^`]+)`", PAGE))
     several = ["--config-dir", "conf", "method=mymethod", "run.experiment=mine", "dataset=hairpin"]

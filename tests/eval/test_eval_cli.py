@@ -26,6 +26,7 @@ def test_a_sweep_goes_on_after_a_failure_and_is_resumed(tmp_path, in_process):
     assert new.returncode == 0 and "already there" not in new.stdout
 
 
+@pytest.mark.full
 def test_a_run_without_memory_says_so_and_the_others_go_on(tmp_path, capfd):
     sweep = ["-m", "dataset=bumpy", "dataset.level=2", "run.fresh=true", "hydra.verbose=eval.run.attempt"]
     done = run_eval(tmp_path, *sweep, "method=killed,failing,identity")

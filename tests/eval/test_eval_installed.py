@@ -96,6 +96,7 @@ def test_python_finds_an_editable_installation_beside_the_clone_and_folders_of_o
     assert str(editable.parent / "sshade" / "sshade") in done.stdout, done.stderr
 
 
+@pytest.mark.full
 def test_commands_and_workers_find_our_packages_before_packages_of_the_same_names(editable, own_folder):
     sweep = ["run", "-m", *MINE, "dataset=hairpin", "hydra/launcher=joblib", "hydra.launcher.n_jobs=2"]
     done = editable.script(own_folder, "sshade-eval", *sweep, "run.fresh=true")

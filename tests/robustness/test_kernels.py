@@ -14,6 +14,7 @@ from typing import Any
 from unittest.mock import patch
 
 import numpy as np
+import pytest
 from scipy.sparse import csr_array
 
 from baselines.ablations.named_frames import named_frames
@@ -117,6 +118,7 @@ WORK: dict[str, Callable[[], np.ndarray]] = {
 }
 
 
+@pytest.mark.full
 def test_kernels_give_uncompiled_what_they_give_compiled(tmp_path):
     command = [sys.executable, "-m", __name__, str(tmp_path / "plain.npz")]
     environment = {**os.environ, "NUMBA_DISABLE_JIT": "1"}

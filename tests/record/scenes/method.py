@@ -89,7 +89,7 @@ def regions() -> Values:
     yield from solved(patches(LIMB, 600), method="fine", vertices=300, thickness=0.5)
 
 
-@scene
+@outcomes
 def soft_and_turned() -> Values:
     yield from solved(patches(weights=[np.inf, 3.0]), vertices=300)
     rotations = [None, rotation(4)]
@@ -97,7 +97,7 @@ def soft_and_turned() -> Values:
     yield from solved(patches(LIMB, 1, rotations=rotations), method="fine", vertices=200)
 
 
-@scene
+@outcomes
 def options() -> Values:
     task = patches(count=8)
     yield from solved(task, vertices=200, volume_goal=1.15)
@@ -154,7 +154,7 @@ def components() -> Values:
     yield from solved(DeformationTask("t", mesh, Handles(index, target, group=group)), vertices=300)
 
 
-@scene
+@outcomes
 def cut() -> Values:
     for mesh in (t_fin(8), moebius(60), strip(40, 8)):
         axis = int(np.argmax(np.ptp(mesh.V, axis=0)))
