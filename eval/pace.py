@@ -115,7 +115,7 @@ def paces(
     least = {name: Pace() for one in (clock, *timed) for name in one.names}
     calls = {one: one.calls() for one in (clock, *timed)}
     left = list(timed)
-    with _on_one_cpu(), _Meter() as meter:
+    with on_one_cpu(), _Meter() as meter:
         for number in range(ROUNDS):
             for done, one in enumerate((clock, *left, clock)):
                 progress("times", done, len(left) + 2, f"{one.name}, round {number + 1}")
@@ -164,7 +164,7 @@ class _Drag:
 
 
 @contextmanager
-def _on_one_cpu() -> Iterator[None]:
+def on_one_cpu() -> Iterator[None]:
     """Let this thread, and threads that it starts, use one CPU, so that CPU seconds are seconds of a call."""
     if not hasattr(os, "sched_setaffinity"):
         yield

@@ -19,6 +19,7 @@ from pathlib import Path
 from types import CodeType
 
 import sshade
+from eval.pace import on_one_cpu
 from tests.record import scenes
 from tests.record.described import described, steady
 
@@ -56,7 +57,7 @@ def played(name: str) -> list[str]:
     gc.collect()
     tracemalloc.start()
     try:
-        with one_cpu(), counted() as calls:
+        with on_one_cpu(), counted() as calls:
             for _ in scenes.SCENES[name]():
                 pass
         peak = tracemalloc.get_traced_memory()[1]
@@ -84,20 +85,6 @@ def logged() -> Iterator[list[str]]:
         yield said
     finally:
         logging.getLogger().removeHandler(handler)
-
-
-@contextmanager
-def one_cpu() -> Iterator[None]:
-    """Let this process see one CPU."""
-    if not hasattr(os, "sched_setaffinity"):
-        yield
-        return
-    cpus = os.sched_getaffinity(0)
-    os.sched_setaffinity(0, {min(cpus)})
-    try:
-        yield
-    finally:
-        os.sched_setaffinity(0, cpus)
 
 
 @contextmanager
