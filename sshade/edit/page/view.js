@@ -136,7 +136,7 @@ export class View {
 
   // Choose the axis that points up: "y" or "z". OrbitControls read it only when they are made.
   setUp(axis) {
-    const { mouseButtons, touches } = this.controls ?? {};
+    const { mouseButtons, touches } = this.controls ?? {}, { cursor } = this.surface.style;
     this.axis = axis;
     this.controls?.dispose();
     this.camera.up.copy(UP[axis]);
@@ -145,6 +145,7 @@ export class View {
     this.controls = new THREE.OrbitControls(this.camera, this.surface);
     this.controls.addEventListener("change", () => this.draw());
     if (mouseButtons) Object.assign(this.controls, { mouseButtons, touches });
+    this.surface.style.cursor = cursor; // the former controls have taken it
   }
 
   // `coarse` holds the vertices and faces of the preview of a large mesh.
