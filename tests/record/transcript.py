@@ -5,9 +5,11 @@ function of :mod:`tests.record.inputs` writes the files. A line that begins with
 content of a further file, with escapes as in Python's bytes. A line that begins with ``$ `` is a command; the
 lines below it are recorded: what the command says, its exit code if it is not 0, and what each file holds
 that is new or has changed. A line that begins with ``>>> `` is Python; its value, its warnings or its error
-are recorded, and the files.
+are recorded, and the files. A line that begins with ``@ `` has actions of a user on a page, which node plays;
+``@ open`` opens the page of a session or of a file, the value of Python.
 """
 
+import re
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
@@ -17,10 +19,17 @@ from typing import Any
 from tests.files import contents
 from tests.record import inputs
 from tests.record.described import described, file_lines, steady, text_lines
+from tests.record.pages import Page
 from tests.robustness.case import run
 
 HERE = Path(__file__).parent / "commands"
-INPUT, FILE, COMMAND, PYTHON = "Files: ", "> ", "$ ", ">>> "
+INPUT, FILE, COMMAND, PYTHON, PAGE = "Files: ", "> ", "$ ", ">>> ", "@ "
+OPEN = "open "
+#: Begins the names of transcripts of pages.
+PAGES = "page_"
+#: Names of recovery files, which vary, and files that are not recorded.
+RECOVERY = re.compile(r"\.recovery-[0-9a-f]{6}\b")
+UNTOLD = re.compile(r"\.recovery-\w+\.npz$|multirun\.yaml$")
 
 
 def transcripts() -> list[str]:
@@ -35,18 +44,20 @@ def recorded(name: str) -> list[str]:
 
 def played(lines: list[str]) -> list[str]:
     """Run the lines of a transcript in an empty working folder; return the transcript of this run."""
-    begins, known = (FILE, COMMAND, PYTHON), dict[str, Any]()
+    begins = FILE, COMMAND, PYTHON, PAGE
     head = lines[: next((i for i, line in enumerate(lines) if line.startswith(begins)), None)]
     made = [line for line in head if line]
-    for line in lines:
-        if line.startswith(INPUT):
-            getattr(inputs, line.removeprefix(INPUT))()
-        elif line.startswith(begins):
-            begin = next(begin for begin in begins if line.startswith(begin))
-            if not made[-1].startswith((FILE, PYTHON)):
-                made.append("")
-            made.append(line)
-            made += _effects(begin, line.removeprefix(begin), known)
+    with Page() as page:
+        known: dict[str, Any] = {"page": page}
+        for line in lines:
+            if line.startswith(INPUT):
+                getattr(inputs, line.removeprefix(INPUT))()
+            elif line.startswith(begins):
+                begin = next(begin for begin in begins if line.startswith(begin))
+                if not made[-1].startswith((FILE, PYTHON)):
+                    made.append("")
+                made.append(line)
+                made += _effects(begin, line.removeprefix(begin), known)
     return made
 
 
@@ -57,22 +68,32 @@ def _effects(begin: str, text: str, known: dict[str, Any]) -> list[str]:
         Path(name).write_bytes(content.encode("latin-1").decode("unicode_escape").encode("latin-1"))
         return []
     before = contents()
-    lines = list(_said(text) if begin == COMMAND else _given(text, known))
+    effects = {COMMAND: _said, PYTHON: _given, PAGE: _played}
+    lines = list(effects[begin](text, known))
     after = contents()
     for name in sorted(before.keys() | after.keys()):
+        if UNTOLD.search(name):
+            continue
         if name not in after:
             lines.append(f"{name} is removed")
-        elif before.get(name) != after[name] and not name.endswith("multirun.yaml"):
+        elif before.get(name) != after[name]:
             lines += [f"{steady(name)}: {line}" for line in file_lines(Path(name))]
     return [line.rstrip() for line in lines]
 
 
-def _said(command: str) -> Iterator[str]:
+def _said(command: str, _: dict[str, Any]) -> Iterator[str]:
     code, out, err = run(command)
     if code:
         yield f"exit code {code}"
     yield from (f"out: {line}" for line in text_lines(out))
     yield from (f"err: {line}" for line in text_lines(err))
+
+
+def _played(text: str, known: dict[str, Any]) -> Iterator[str]:
+    page = known["page"]
+    opens = text.startswith(OPEN)
+    lines = page.show(*eval(f"[{text.removeprefix(OPEN)}]", known)) if opens else page.play(text)
+    yield from (RECOVERY.sub(".recovery-<hash>", line) for line in lines)
 
 
 def _given(text: str, known: dict[str, Any]) -> Iterator[str]:
