@@ -91,7 +91,7 @@ lint: $(READY)
 	$(BIN)/mypy
 
 unit-tests: $(READY)
-	$(BIN)/python -m pytest -n 3 --dist loadfile
+	$(BIN)/python -m pytest -n 3 --dist worksteal
 
 ci-benchmark: $(READY)
 	$(BIN)/sshade-eval check
@@ -129,7 +129,7 @@ robustness: $(READY)
 	$(BIN)/python -m pip install -q --disable-pip-version-check -c constraints.txt \
 	  -e '.[bench,torch,neo-hookean]'
 	$(BIN)/coverage erase
-	$(BIN)/coverage run -m pytest -n 2 --dist loadfile --timeout=600
+	$(BIN)/coverage run -m pytest -n 2 --dist worksteal --timeout=600
 	$(BIN)/coverage combine -q
 	for package in sshade baselines defaust eval; do \
 	  $(BIN)/coverage report --skip-covered --include="$$package/*" --fail-under=93 || exit 1; done
@@ -158,7 +158,7 @@ gallery: $(READY)
 # written. `check` refuses changed values where no version has risen.
 update: $(READY) $(QUICK)/dataset.json data/defaust/dataset.json data/noisy_25k_2mm/dataset.json
 	rm -rf out/kernels
-	-SSHADE_KERNELS=$(CURDIR)/out/kernels $(BIN)/python -m pytest -n 3 --dist loadfile --timeout=600
+	-SSHADE_KERNELS=$(CURDIR)/out/kernels $(BIN)/python -m pytest -n 3 --dist worksteal --timeout=600
 	$(BIN)/python -m tools.compile_kernels --update --into out/kernels
 	$(BIN)/sshade-eval check --write
 	$(BIN)/python -m tests.record

@@ -199,10 +199,15 @@ def end_handles(
         low = np.flatnonzero(x <= x.min() + share * np.ptp(x))
         high = np.flatnonzero(x >= x.max() - share * np.ptp(x))
     else:
-        order = np.argsort(x, kind="stable")
+        order = upwards(V, axis)
         low, high = order[:count], order[-count:]
     own = moved_parts(V, (low, 0), (high, lambda V: V @ turn.T + shift))
     return replace(own, dynamic=own.group > 0)
+
+
+def upwards(V: np.ndarray, axis: int = 2) -> np.ndarray:
+    """Return the vertices in ascending order along an axis, the same where processors round differently."""
+    return np.argsort(V[:, axis].round(9), kind="stable")
 
 
 def moved_parts(V: np.ndarray, *parts, weights=np.inf, rotations=None, **more) -> Handles:

@@ -37,6 +37,7 @@ from tests.shapes import (
     torn,
     torus,
     tube,
+    upwards,
 )
 from tests.sshade.mesh.test_cutting import moebius, t_fin
 from tests.write import lines, mesh_ply, obj, rows
@@ -58,7 +59,7 @@ def bodies() -> None:
     Path("seam.obj").write_text(as_obj(seam, faces))
     write_mesh("seam_bent.ply", bent(seam), faces)
     write_mesh("aside.ply", V * [1.02, 1, 1] + [9, 0, 0], F)
-    order = np.argsort(V[:, 2])
+    order = upwards(V)
     low, high = order[:8], order[-8:]
     ids, top = low.tolist(), V[high]
     fixed = {"name": "foot", "kind": "fixed", "vertices": ids}
@@ -259,7 +260,7 @@ def handle_files() -> None:
         Path(f"{system.lower()}.ply").write_bytes(
             mesh_ply(V * axes, F, "", comments=[f"comment SPACE={system}"])
         )
-    order = np.argsort(V[:, 2])
+    order = upwards(V)
     parts = {"parts/foot": order[:8], "parts/hand": order[-9:], "transforms/up": order[-9:]}
     for name, ids in parts.items():
         Path(name).parent.mkdir(exist_ok=True)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from sshade import DeformationTask, Mesh, deform
-from tests.shapes import bumpy, moved_parts, tube
+from tests.shapes import bumpy, moved_parts, tube, upwards
 
 #: What a scene yields: names and values.
 Values = Iterator[tuple[str, Any]]
@@ -31,7 +31,7 @@ def outcomes(function: Callable[[], Values]) -> Callable[[], Values]:
 
 def patches(mesh: Mesh = BODY, count: int = 12, turn: float = 0.5, **more: Any) -> DeformationTask:
     """The ends of a mesh along z: one stays, the other turns and moves."""
-    order = np.argsort(mesh.V[:, 2])
+    order = upwards(mesh.V)
     R = np.array([[1, 0, 0], [0, np.cos(turn), -np.sin(turn)], [0, np.sin(turn), np.cos(turn)]])
     centre = mesh.V[order[-count:]].mean(axis=0)
     moved = lambda V: centre + (V - centre) @ R.T + [0.2, 0.1, 0.1]  # noqa: E731
