@@ -153,7 +153,7 @@ def test_noise_depends_on_seed_subject_and_pose():
     first = displaced(NoisyBodies(), 0, 0)
     np.testing.assert_array_equal(first, displaced(NoisyBodies(), 0, 0))
     for other in (NoisyBodies(seed=1), 0, 0), (NoisyBodies(), 1, 0), (NoisyBodies(), 0, 1):
-        assert np.abs(displaced(*other) - first).max() > 1e-3
+        assert abs(np.corrcoef(displaced(*other).ravel(), first.ravel())[0, 1]) < 0.2
 
 
 def test_the_truth_is_exact_the_handles_have_the_noise_and_the_card_says_so(tmp_path):

@@ -92,7 +92,7 @@ def test_a_row_of_a_program_holds_what_every_row_holds(task, tmp_path):
     assert 0 < row["seconds.program"] < row["seconds.total"]
     assert row["seconds.cpu"] > 0 and row["env.cores_used"] > 0  # CPU time of the program
     assert 0.1 < row["peak_mib"] < 50, "not of our own process, which is larger"
-    busy = f"{sys.executable} -c 'import time; x = bytearray(80 << 20); time.sleep(0.5)'; true"
+    busy = f"{sys.executable} -c 'import time; x = bytearray(80 << 20); del x; time.sleep(0.5)'; true"
     method = program(tmp_path, f'sh -c "{busy}; true"\n{COPYING}', name="grandchild.sh")
     assert run(task, method, name="g", root=tmp_path / "runs", fresh=True).row["peak_mib"] > 80
 
