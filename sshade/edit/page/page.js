@@ -336,6 +336,7 @@ const KEYS = {
 };
 window.addEventListener("keydown", (event) => {
   const key = event.key.toLowerCase(), control = event.ctrlKey || event.metaKey;
+  if (document.body.classList.contains("ended")) return;
   if (control && key === "s") {
     event.preventDefault();
     saving = store("mesh", "handles");
