@@ -41,7 +41,7 @@ class Page:
         return node
 
     def show(self, shown: Session | str, graphics: str = "card") -> list[str]:
-        """Open the page of a session or a file, with a graphics card ("" for none); return what it does."""
+        """Open the page of a session, a file or a text; "" is no graphics card. Return what the page does."""
         self._server.close()
         self.about, address, script = shown, shown, ""
         if isinstance(shown, Session):

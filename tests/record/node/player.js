@@ -1,7 +1,7 @@
 // Play the scripts of a page with actions of a user, one line each, and say what each line changes.
 //
 // The line `open ["ADDRESS", "SCRIPT", "GRAPHICS"]` opens the page of an editor, whose module is SCRIPT, and
-// `open ["FILE", "", "GRAPHICS"]` a page in a file. GRAPHICS names the graphics card; "" is none. Time stands still while
+// `open ["FILE", "", "GRAPHICS"]` a page in a file, or the page whose text this is. GRAPHICS names the graphics card; "" is none. Time stands still while
 // nothing is awaited: requests are answered one by one, and a frame is drawn when no request is left.
 import http from "node:http";
 import { readFileSync } from "node:fs";
@@ -253,7 +253,7 @@ const ACTIONS = {
     return control.click();
   },
   type(selector, ...words) {
-    const field = one(selector);
+    const field = one(selector).elements?.[0] ?? one(selector);
     if (!field.checkVisibility()) say(`${selector} is hidden`);
     field.focus();
     field.value = words.join(" ");
@@ -328,7 +328,8 @@ async function open(shown, script, graphics) {
   [waiting, kept, holding, refusals, gone] = [[], [], new Set(), [], false];
   [now, confirmed, timers, frames, observers, pictures, picture] = [1000, true, [], [], [], 0, {}];
   window = newWindow();
-  document = new Page(readFileSync(script ? new URL("index.html", pathToFileURL(script)) : address, "utf8"), window);
+  const file = script ? new URL("index.html", pathToFileURL(script)) : address;
+  document = new Page(String(file).startsWith("<") ? file : readFileSync(file, "utf8"), window);
   document.graphics = graphics;
   Renderer.fails = !graphics;
   document.scrolled = (element) => say(`scrolls to ${label(element)}`);

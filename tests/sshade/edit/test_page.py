@@ -1,4 +1,4 @@
-"""The page in a browser: pick, mark, drag, undo and save; the command line repeats the saved shape."""
+"""The tools of the page in a browser, and actions for other tests; node plays more of them (tests/record)."""
 
 import re
 
@@ -6,12 +6,11 @@ import igl
 import numpy as np
 import pytest
 
-from sshade.edit import preview
 from sshade.edit.session import Session
-from tests.browser import changed, opened, pixels
+from tests.browser import opened
 from tests.shapes import bumpy
 from tests.sshade.edit.lent import lent, unpacked
-from tests.sshade.edit.sessions import begun, marked, upright
+from tests.sshade.edit.sessions import begun, upright
 
 BODY = bumpy(4)
 
@@ -83,6 +82,12 @@ def drag(page, start, by, *, steps: int = 8):
     with page.expect_response(re.compile("/drag$")) as answer:
         page.mouse.move(x + by[0], y + by[1])
     return answer.value
+
+
+def gizmo(page) -> np.ndarray:
+    """Return the pixel at the middle of the arrows."""
+    place = page.locator("#stage").get_attribute("data-gizmo")
+    return np.array([float(x) for x in place.split(",")])
 
 
 def release(page) -> None:
@@ -158,33 +163,4 @@ def test_every_tool_picks_what_it_goes_over_and_is_in_sight(page, session):
     page.keyboard.up("Control")
     assert not np.isin(np.flatnonzero(away < 19), session.state.selection).any()
     page.wait_for_selector(f"#picked:text-is('{len(session.state.selection):,}')")  # a busy page is late
-    assert page.said == []
-
-
-@pytest.fixture
-def large(session, monkeypatch) -> None:
-    """Add groups to the session and make its mesh count as large."""
-    monkeypatch.setattr(preview, "VERTICES", 800)
-    marked(session)
-
-
-def test_of_a_large_mesh_a_preview_follows_and_all_of_it_is_shown_at_rest(large, page, session):
-    V = session.mesh.V
-    page.wait_for_timeout(200)
-    stage = page.locator("#stage")
-    resting = pixels(stage)
-    start = where(page, V, session.state.groups[1].target.mean(axis=0))[0]
-    box, gizmo = stage.bounding_box(), stage.get_attribute("data-gizmo")
-    assert np.allclose(start - [box["x"], box["y"]], [float(x) for x in gizmo.split(",")], atol=1)
-    step = drag(page, start, (60, -30))
-    assert len(step.body()) < 12 * 1600 + 200 < 12 * len(V)
-    page.wait_for_timeout(600)
-    following = pixels(stage)
-    assert changed(resting, following) > 0.01
-    release(page)
-    page.wait_for_timeout(600)
-    # The shapes differ only by the facets of the preview and the last steps of the solver.
-    assert changed(following, pixels(stage)) < 0.1
-    group = session.state.groups[1]
-    assert np.array_equal(session.shown[group.vertices], group.target)
     assert page.said == []

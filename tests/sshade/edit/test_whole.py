@@ -16,8 +16,7 @@ from tests.shapes import beside, shifted
 from tests.sshade.cli.test_edit import get, running
 from tests.sshade.edit.lent import lent, unpacked
 from tests.sshade.edit.sessions import BODY, added, begun, upright
-from tests.sshade.edit.test_page import asked, drag, mark, release, where
-from tests.sshade.edit.test_tools import gizmo
+from tests.sshade.edit.test_page import asked, drag, gizmo, mark, release, where
 
 #: Window sizes of a laptop and of a telephone, in pixels.
 SIZES = [(1280, 800), (390, 844)]
