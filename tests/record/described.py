@@ -37,7 +37,7 @@ VARYING = (
     (re.compile(r"\b20\d\d-\d\d-\d\d([T ]\d\d:\d\d(:\d\d(\.\d+)?)?(\+\d\d:\d\d|Z)?)?"), "<date>"),
     (re.compile(r"(?<![0-9A-Za-z])(?=[a-f]*[0-9])(?=[0-9]*[a-f])[0-9a-f]{8,64}(?![0-9A-Za-z])"), "<hash>"),
     (re.compile(r"[A-Za-z0-9+/]{120,}=*"), "<data>"),
-    (re.compile(r" \(with changes\)"), ""),  # of the checkout
+    (re.compile(r" \(with changes\)|(?<=<dt>modified</dt><dd>)\w+"), ""),  # of the checkout
     (re.compile(r"Commit: [0-9a-f]{8}"), "Commit: <hash>"),  # also of digits alone
     (re.compile(r"Shortest mean time: [^<\n]*"), "<shortest time>"),
     (re.compile(r"about \d+:\d\d:\d\d left"), "<some> left"),
