@@ -1,6 +1,7 @@
 """Pages that node plays with actions of a user, without a browser: see ``tests/record/node``."""
 
 import json
+import os
 import subprocess
 from contextlib import ExitStack
 from functools import cached_property
@@ -36,7 +37,7 @@ class Page:
 
         line = [compute_driver_executable()[0], "--no-warnings", PLAYER]
         pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True, "encoding": "utf-8"}
-        node = self._player.enter_context(subprocess.Popen(line, env={"TZ": "UTC"}, **pipes))
+        node = self._player.enter_context(subprocess.Popen(line, env=os.environ | {"TZ": "UTC"}, **pipes))
         self._player.callback(node.stdin.close)
         return node
 

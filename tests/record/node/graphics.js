@@ -73,7 +73,7 @@ export class Renderer {
     if (this.target) return this.drawDepth(scene, camera);
     Renderer.latest = { scene, camera };
     const at = this.cuts ? `at ${this.view.join(" ")} ` : "", shown = {};
-    if (String(this.view) !== String(this.cut ?? this.view)) shown[`${at}cut`] = this.cut.join(" ");
+    if (this.cuts && String(this.view) !== String(this.cut)) shown[`${at}cut`] = String(this.cut);
     shown[`${at}size`] = `${this.size} of ratio ${this.ratio}`;
     shown[`${at}camera`] = `${row(camera.position.toArray())}, looks ${row(camera.quaternion.toArray())}, lens ${row([0, 5, 10, 14].map((k) => camera.projectionMatrix.elements[k]))}`;
     this.describe(scene, camera, shown, at);
@@ -166,14 +166,14 @@ export class Renderer {
 
 // What a material is set to; of a texture, the image and whether it was sent.
 function settings(material) {
-  const { color, map, side, transparent, opacity, polygonOffsetFactor, vertexColors, vertexShader, fragmentShader, depthWrite } = material;
+  const { color, map, side, transparent, opacity, polygonOffset, polygonOffsetFactor, polygonOffsetUnits, vertexColors, vertexShader, fragmentShader, depthWrite } = material;
   const shader = { fragmentShader: "#include <color_fragment>" };
   material.onBeforeCompile(shader);
   const told = [color?.getHexString() ?? sum(vertexShader + fragmentShader), `side ${side}`];
   if (vertexColors) told.push("of vertices");
   if (transparent) told.push(`opacity ${opacity}`);
   if (!depthWrite) told.push("no depth");
-  if (polygonOffsetFactor) told.push(`offset ${polygonOffsetFactor}`);
+  if (polygonOffset) told.push(`offset ${polygonOffsetFactor} ${polygonOffsetUnits}`);
   if (shader.fragmentShader.length > 30) told.push(sum(shader.fragmentShader));
   if (map) told.push(map.version ? `image ${map.image.name} ${map.wrapS} ${map.wrapT} ${map.colorSpace} ${map.flipY}` : "image that was not sent");
   return told.join(", ");
