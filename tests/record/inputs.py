@@ -278,6 +278,8 @@ def published() -> None:
     """Write rows of experiments, and those that are published already."""
     row = partial(eval_rows.row, env__commit="1")
     old = [row("a"), row("b"), row("c"), row("c", "t2"), row("d")]
+    seeds = [row(name, task, seed=seed) for name in "ab" for task in ("t1", "t2") for seed in (0, 1)]
+    seeds[1] = eval_rows.lost("a") | {"seed": 1}
     new = [row("a", date="2026-01-02", iterations=1.0), row("b", date="2025-01-01", iterations=2.0)]
     again = [row("a", task, method__hash="other", iterations=5.0) for task in ("t1", "t2")]
     newer = [row("c", task, method__version=2, iterations=3.0) for task in ("t1", "t2")]
@@ -294,6 +296,7 @@ def published() -> None:
         ("own_proxy", [], [row("b", method__proxy_method__target="mine.own")]),
         ("program", [], [row("p", method__command="[mine]")]),
         ("measures", [row("a")], [row("b", measures=2)]),
+        ("seeds", [], seeds),
         ("no_status", [], [row("a", status="fine")]),
         ("no_date", [], [row("a", date="")]),
         ("no_number", [], [row("a", metric__edge="small")]),

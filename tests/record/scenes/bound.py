@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from typing import Any
+from unittest import mock
 
 import numpy as np
 
@@ -85,6 +86,8 @@ def drags() -> Values:
         yield f"{name} settled again", bound.settle().vertices
         yield f"{name} solved again", bound.solve(own).facts
         yield f"{name} judged again", str(bound.quality(out))
+        with mock.patch("sshade.method.bound.quality", lambda mesh, V, proxies, **_: len(proxies)):
+            yield f"{name} proxies judged", bound.quality(out)
 
 
 @outcomes
