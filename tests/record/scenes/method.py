@@ -1,5 +1,6 @@
 """Deformations: methods, options, handles and surfaces of all kinds."""
 
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,9 @@ import trimesh
 import sshade
 from baselines.arap import arap as arap
 from sshade import DeformationResult, DeformationTask, Handles, Mesh, deform
+from sshade.core import threads
+from sshade.core.threads import ThreadTeam
+from sshade.files.meshes import read_mesh, write_mesh
 from sshade.mesh.adjacency import vertex_graph
 from sshade.problem.options import Options as Options
 from sshade.problem.options import Stop as Stop
@@ -174,3 +178,27 @@ def memory_of_fine() -> Values:
     yield from solved(
         patches(bumpy(5), 40), vertices=100, method="fine", max_iterations=3, polish_iterations=3
     )
+
+
+@outcomes
+def teams() -> Values:
+    """The threads that share the work of each function on a machine with three CPUs."""
+    found, begin = set(), ThreadTeam.__init__
+
+    def noted(self: ThreadTeam, workers: int) -> None:
+        at = sys._getframe(1)
+        while at.f_code.co_filename == threads.__file__:
+            at = at.f_back
+        found.add(f"{at.f_globals['__name__']}.{at.f_code.co_qualname} {workers}")
+        begin(self, workers)
+
+    task = patches(bumpy(5), 40)
+    with (
+        mock.patch("os.sched_getaffinity", lambda _: set(range(3)), create=True),
+        mock.patch.object(ThreadTeam, "__init__", noted),
+        mock.patch("sshade.core.threads.CHUNK", 5000),
+    ):
+        write_mesh("large.ply", task.mesh.V, task.mesh.F)
+        for method in ("fast", "paper", "fine"):
+            deform(replace(task, mesh=read_mesh("large.ply")), vertices=1500, max_iterations=2, method=method)
+    yield from dict.fromkeys(sorted(found), True).items()
