@@ -3,8 +3,8 @@
 import subprocess
 import sys
 
-#: Program that prints the kernels that `fine` compiles or loads for two tasks, after it and `fast` were warmed up.
-#: The handles are two small caps in the first task and two large caps in the second task.
+#: Program that prints the kernels that `fine` compiles or loads for two tasks, after its warm-up and that of
+#: `fast`. The handles are two small caps in the first task and two large caps in the second task.
 COMPILED = """
 from numba.core.dispatcher import Dispatcher
 from eval.run.config import read_choice, resolved
