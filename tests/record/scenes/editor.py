@@ -114,6 +114,16 @@ def editor_of_files() -> Values:
             ("settle", {}),
         ):
             yield brief(said(command, **given))
+        for command, given in (  # what a bound mesh knows, changed between drags
+            ("alter", {"group": 2, "weight": 0.5}),
+            ("alter", {"group": 3, "kind": "fixed"}),
+            ("set_up", {"method": "fast", "joints": 0}),
+            ("set_up", {"method": "fast", "joints": 1.5}),
+            ("remove", {"group": 3}),
+            ("undo", {}),
+        ):
+            said(command, **given)
+            yield f"drag after {command} {given}", said("drag", group=2, **MOVE)[1]["positions"]
         session.select(np.arange(0, V.shape[0], 7), "replace")
         yield brief(said("mark", kind="fixed"))
         yield brief(said("alter", group=4, kind="moved", weight=2.0))
