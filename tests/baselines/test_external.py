@@ -68,6 +68,9 @@ def test_seed_and_time_limit_reach_arguments_and_environment(run, tmp_path, monk
     monkeypatch.delenv(TIME_LIMIT)
     run(text, "{seed}", "{time_limit}", "-", "{mesh}", "{handles}", "{output}")
     assert told.read_text().split()[1] == "inf"
+    monkeypatch.setenv(TIME_LIMIT, "0.1")
+    with pytest.raises(TimeoutError, match="no result within 0.1 s"):
+        run("sleep 9")
 
 
 @pytest.mark.parametrize(
