@@ -1,5 +1,6 @@
 """Measures, methods of others, datasets, edits, tasks, tables, and drags that are timed."""
 
+from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
 from itertools import accumulate, count
@@ -38,6 +39,11 @@ from tests.eval.eval_rows import frame, lost, row
 from tests.files import contents
 from tests.record.scenes.scene import Values, outcomes, patches, scene
 from tests.shapes import bent, beside, bumpy, end_handles, icosphere, shifted, strip
+
+#: Modules that time their parts.
+TIMED = [f"sshade.{name}" for name in ("proxy.bind", "proxy.binding", "solver.local_global")]
+TIMED += [f"sshade.method.{name}" for name in ("assembly", "bound", "piece", "polish", "transfer")]
+TIMED += ["sshade.interpolation.dense_handles", "baselines.stopwatch", "baselines.accelerated"]
 
 
 @scene
@@ -107,14 +113,14 @@ def tasks() -> Values:
         {},
         {"raw": True},
         {"resolution": "low"},
-        {"truth": False},
         {"handles": "points"},
         {"handles": "regions"},
         {"edit": "inflate"},
-        {"edit": "unedited", "truth": False},
         {"edit": "unedited", "resolution": "low"},
     ):
         yield str(options), load_task("balls", subject=1, pose=1, **options)
+    with mock.patch("defaust.tasks.load._truth", None):  # which takes seconds for a large mesh
+        yield "untrue", load_task("balls", subject=1, pose=1, truth=False)
     mesh = bumpy(4)
     for name, edit in EDITS.items():
         yield name, edit(mesh)
@@ -159,3 +165,21 @@ def tables() -> Values:
     write_run("run", row(), vertices=np.eye(3))
     write_run("run", lost("a"))
     yield "files of a run that failed after one with a result", sorted(contents("run"))
+
+
+@outcomes
+def clocks() -> Values:
+    """The times of results, by a clock that ticks faster and faster; the meshes are too small for threads."""
+    body = bumpy(3)
+    small = DeformationTask("t", body, end_handles(body.V, count=8, shift=[0.3, 0, 0.2]))
+    edited = TransferTask("t", Mesh(1.1 * body.V, body.F), body, bent(body.V))
+    clock = accumulate(count()).__next__
+    with ExitStack() as patched:
+        for module in TIMED:
+            patched.enter_context(mock.patch(f"{module}.perf_counter", clock))
+        for method in ("fast", "fine", "paper"):
+            yield method, list(deform(small, method=method, vertices=100, workers=1).seconds.items())
+        yield "interpolate", list(deform(small, method="interpolate").seconds.items())
+        for method in (arap, elastic, accelerated_arap, deformation_field, rbf):
+            yield method.__name__, list(method(small).seconds.items())
+        yield "transfer", list(transfer_with(edited, vertices=60, samplings=2, workers=1).seconds.items())
