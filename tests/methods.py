@@ -2,11 +2,12 @@
 
 import os
 from collections.abc import Callable
+from functools import cache
 
 import pytest
 import yaml
 from hydra import compose, initialize_config_dir
-from omegaconf import OmegaConf
+from omegaconf import DictConfig, OmegaConf
 
 from eval import CONFIGURATION
 from eval.run.targets import instantiate
@@ -19,11 +20,16 @@ COARSE = {"edge": 0.1, "cells": 16}
 LEARNED = ("implicit_arap_cpu", "implicit_arap_paper")
 
 
+@cache
+def _composed(name: str) -> DictConfig:
+    with initialize_config_dir(str(CONFIGURATION), version_base="1.3"):
+        return compose("config", overrides=[f"method={name}"])
+
+
 def configured(name: str, *overrides: str) -> Callable[..., DeformationResult]:
     """Return a method as its YAML configures it, coarse; a learned method gets the sizes of its warm-up."""
-    with initialize_config_dir(str(CONFIGURATION), version_base="1.3"):
-        config = compose("config", overrides=[f"method={name}", *overrides])
-        options = OmegaConf.to_container(config.method, resolve=True)
+    config = OmegaConf.merge(_composed(name), OmegaConf.from_dotlist([*overrides]))
+    options = OmegaConf.to_container(config.method, resolve=True)
     if name in LEARNED:
         pytest.importorskip("torch", reason="the extra torch is not installed")
         options |= options["warm_up"]

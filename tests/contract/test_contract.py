@@ -166,7 +166,7 @@ def turned(degrees: float, *, shift=(0.0, 0.0, 0.0), centre=(0.0, 0.0, 0.0)):
 
 def cases() -> dict[str, tuple[Mesh, list[tuple]]]:
     """Return meshes, each with the parts that are fixed or moved."""
-    body, bar = bumpy(4), jittered(block(np.ones((1, 1, 6)), cells=8), 0.01)
+    body, bar = bumpy(3), jittered(block(np.ones((1, 1, 6)), cells=5), 0.01)
     z = body.V[:, 2]
     low, high = np.quantile(z, [1 / 3, 0.95])
     ring = (bar.V[:, 2] > 3.0) & (bar.V[:, 2] < 3.5)
@@ -183,7 +183,7 @@ CASES = {name: DeformationTask(name, *given) for name, given in HANDLES.items()}
 
 @pytest.fixture(scope="module", params=DEFORMING)
 def deforming(request):
-    call = configured(request.param, "proxy.vertices=600", "solver.max_iterations=150")
+    call = configured(request.param, "proxy.vertices=300", "solver.max_iterations=100")
     return SimpleNamespace(name=request.param, call=call)
 
 

@@ -15,42 +15,22 @@ from sshade.files.task_files import write_handles
 from sshade.problem.options import GROUPS, accepted
 from tests.shapes import beside, bumpy, moved_parts, rotation, shifted
 
-#: Another value than the default for each option, and options that make it count.
-OTHER = {
-    "vertices": 90,
-    "coarser": 2,
-    "samplings": 2,
-    "frames": "triangle",
-    "workers": 2,
-    "seed": 5,
-    "volume": 1.0,
-    "volume_goal": 1.2,
-    "area": 0.5,
-    "stiffness": 0.5,
-    "strain": 0.1,
-    "strain_limit": 0.02,
-    "attachment": 3.0,
-    "bending": 0.1,
-    "thickness": 1.0,
-    "joints": 0.0,
-    "tolerance": 1e-2,
-    "max_iterations": 3,
-    "start": "rest",
-    "guide_attachment": 0.0,
-    "accelerate": False,
-    "detail": 0.9,
-    "proxy_attachment": 2.0,
-    "proxy_bending": 0.1,
-    "proxy_stiffness": 0.5,
-    "polish_iterations": 2,
-}
-#: Options of each method that are tried.
-TRIED = {"fast": accepted("fast"), "paper": ["samplings", "seed", "accelerate"]}
-TRIED["fine"] = [*GROUPS["Polish"], "attachment", "bending", "stiffness", "tolerance"]
+ENERGY = {"volume": 1.0, "area": 0.5, "stiffness": 0.5, "strain": 0.1, "strain_limit": 0.02}
+ENERGY |= {"attachment": 3.0, "bending": 0.1, "thickness": 1.0, "joints": 0.0}
+POLISH = {"detail": 0.9, "proxy_attachment": 2.0, "proxy_bending": 0.1, "proxy_stiffness": 0.5}
+#: Options that are given together, with other values than the defaults, and the method that gets them.
+TOGETHER = [
+    ("fast", {"vertices": 90, "samplings": 2, "frames": "triangle", "workers": 2, "seed": 5}),
+    ("fast", {"coarser": 2}),
+    ("fast", ENERGY | {"tolerance": 1e-2}),
+    ("fast", {"volume_goal": 1.2}),
+    ("fast", {"max_iterations": 3, "start": "rest", "guide_attachment": 0.0}),
+    ("paper", {"samplings": 2, "seed": 5, "accelerate": False}),
+    ("fine", POLISH | {"polish_iterations": 2}),
+    ("fine", {"attachment": 3.0, "bending": 0.1, "stiffness": 0.5, "joints": 0.0, "tolerance": 1e-2}),
+]
 #: Options that change no result. Parts of bound meshes meet a goal less exactly.
 SAME, LESS_EXACT = {"workers"}, {"volume_goal"}
-#: Options with which another one counts.
-WITH = {"coarser": {"vertices": 600}, "attachment": {"joints": 0.0}}
 #: Few vertices, so that one proxy differs from another, and few iterations.
 BASE = {"vertices": 120}
 
@@ -83,9 +63,8 @@ def from_arrays(method: str, **options) -> np.ndarray:
 
 
 def from_a_mesh_of_trimesh(method: str, **options) -> np.ndarray:
-    own, mesh = TWO.handles, trimesh.Trimesh(TWO.mesh.V, TWO.mesh.F, process=False)
-    given = {"weight": own.weight, "rotations": own.rotation}
-    return np.asarray(deform(mesh, own.index, own.target, method=method, **given, **options).vertices)
+    own, mesh = ONE.handles, trimesh.Trimesh(ONE.mesh.V, ONE.mesh.F, process=False)
+    return np.asarray(deform(mesh, own.index, own.target, method=method, **options).vertices)
 
 
 def bound(method: str, call: str, **options) -> np.ndarray:
@@ -112,7 +91,7 @@ def by_command(method: str, **options) -> np.ndarray:
 #: Entries, and their tasks. A bound mesh keeps the state of its last solve between the parts of TWO.
 ENTRIES = {
     "arrays": (TWO, from_arrays),
-    "trimesh": (TWO, from_a_mesh_of_trimesh),
+    "trimesh": (ONE, from_a_mesh_of_trimesh),
     "command": (TWO, by_command),
     "solve": (ONE, partial(bound, call="solve")),
     "step": (ONE, partial(bound, call="step")),
@@ -120,17 +99,19 @@ ENTRIES = {
 }
 
 
-@pytest.mark.parametrize(("method", "option"), [(method, name) for method in TRIED for name in TRIED[method]])
-def test_an_option_has_the_same_effect_from_every_entry(method, option):
-    own = {**BASE, **WITH.get(option, {}), option: OTHER[option]}
-    expected = {}
-    for task in (ONE, TWO):
-        both = (deform(task, method=method, **more).vertices for more in (own, {**own, option: None}))
-        expected[task.name], plain = both
-        change = np.abs(expected[task.name] - plain).max()
-        assert (change > 1e-6) == (option not in SAME), task.name
+def test_every_option_is_tried():
+    assert {name for _, options in TOGETHER for name in options} >= {*accepted("fast"), *GROUPS["Polish"]}
+
+
+@pytest.mark.parametrize(("method", "options"), TOGETHER)
+def test_an_option_has_the_same_effect_from_every_entry(method, options):
+    own = ({} if "coarser" in options else BASE) | options
+    expected = {task.name: deform(task, method=method, **own).vertices for task in (ONE, TWO)}
+    for name in options:
+        change = np.abs(deform(ONE, method=method, **own | {name: None}).vertices - expected[ONE.name]).max()
+        assert (change > 1e-6) == (name not in SAME), name
     for name, (task, call) in ENTRIES.items():
         if name == "step" and method == "fine":
             continue  # its steps are those of its proxy
         gap = np.abs(call(method, **own) - expected[task.name]).max()
-        assert gap <= (0.1 * change if option in LESS_EXACT else 1e-7), f"{name}: {gap:.1e} of {change:.1e}"
+        assert gap <= (0.2 * change if options.keys() <= LESS_EXACT else 1e-7), f"{name}: {gap:.1e}"
