@@ -34,8 +34,8 @@ def running(pid: int) -> bool:
         return False
 
 
-def program(folder: Path, text: str = COPYING, *, name: str = "program.sh") -> dict[str, Any]:
+def program(folder: Path, text: str = COPYING) -> dict[str, Any]:
     """Write a shell script; return the configuration of a method that runs it."""
-    (folder / name).write_text(text)
-    command = ["sh", str(folder / name)]
+    (folder / "program.sh").write_text(text)
+    command = ["sh", str(folder / "program.sh")]
     return {"_target_": "baselines.external.external", "command": command, **TEXTS}

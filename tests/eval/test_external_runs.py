@@ -82,8 +82,9 @@ def task():
 
 
 def test_a_row_of_a_program_holds_what_every_row_holds(task, tmp_path):
-    count = 't=$(awk "BEGIN { for (i = 0; i < 3000000; i++) s += i; print s }")\n'
-    method = program(tmp_path, count + COPYING)
+    """The memory is that of a process of the program, and not that of our own process, which is larger."""
+    busy = f"{sys.executable} -c 'import time; x = bytearray(80 << 20); del x; time.sleep(0.5)'; true"
+    method = program(tmp_path, f'sh -c "{busy}; true"\n{COPYING}')
     done = run(task, method, name="p", root=tmp_path / "runs", fresh=True)
     row = done.row
     assert row["status"] == "ok"
@@ -91,10 +92,7 @@ def test_a_row_of_a_program_holds_what_every_row_holds(task, tmp_path):
     assert row["method.command"] == str(method["command"]) and row["method.mesh_format"] == "off"
     assert 0 < row["seconds.program"] < row["seconds.total"]
     assert row["seconds.cpu"] > 0 and row["env.cores_used"] > 0  # CPU time of the program
-    assert 0.1 < row["peak_mib"] < 50, "not of our own process, which is larger"
-    busy = f"{sys.executable} -c 'import time; x = bytearray(80 << 20); del x; time.sleep(0.5)'; true"
-    method = program(tmp_path, f'sh -c "{busy}; true"\n{COPYING}', name="grandchild.sh")
-    assert run(task, method, name="g", root=tmp_path / "runs", fresh=True).row["peak_mib"] > 80
+    assert 80 < row["peak_mib"] < 110
 
 
 def test_a_program_in_python_may_import_a_file_beside_it(task, tmp_path, monkeypatch):

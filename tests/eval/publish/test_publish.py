@@ -10,7 +10,7 @@ import pytest
 
 from eval.publish.summary import make_table
 from eval.publish.tables import FORMATS
-from eval.rows.frame import distinct, read_csv
+from eval.rows.frame import distinct, read_csv, write_csv
 from tests.full import few
 from tests.kernels import OFFERED
 
@@ -34,8 +34,10 @@ for path in map(Path, sys.argv[1:]):
 
 
 @pytest.mark.parametrize("path", few(ROWS, *QUICK), ids=lambda path: path.stem)
-def test_committed_tables_follow_from_committed_rows_which_name_files_by_their_place_in_the_project(path):
+def test_committed_rows_are_written_again_give_the_tables_and_name_files_in_the_project(path, tmp_path):
     rows = read_csv(path)
+    write_csv(tmp_path / "again.csv", rows)
+    assert (tmp_path / "again.csv").read_bytes() == path.read_bytes()
     table = make_table(rows, title=path.stem)
     for suffix, text_of in FORMATS.items():
         assert (RESULTS / "tables" / f"{path.stem}.{suffix}").read_text() == text_of(table)

@@ -1,7 +1,5 @@
 """Rows as tables and files: types, the newest of equal runs, experiments by name, and halves."""
 
-from pathlib import Path
-
 import pytest
 from eval_rows import frame, row
 
@@ -14,14 +12,6 @@ from eval.rows.frame import newest, read_csv, records, write_csv
 from eval.rows.splits import BOTH, HELD_OUT, TUNING, require_split, split_of
 from eval.rows.store import read_row, run_folder, write_row, write_run
 from sshade import InputError
-
-RESULTS = Path(__file__).parents[3] / "results"
-
-
-@pytest.mark.parametrize("path", sorted(RESULTS.glob("rows/*.csv")) + sorted(RESULTS.glob("timing/*.csv")))
-def test_committed_rows_are_written_again_as_they_are(path, tmp_path):
-    write_csv(tmp_path / "again.csv", read_csv(path))
-    assert (tmp_path / "again.csv").read_bytes() == path.read_bytes()
 
 
 @pytest.mark.parametrize("cut", [lambda text: text[: text[:-1].rindex("\n")], lambda text: text[:-2]])
