@@ -1,4 +1,4 @@
-from dataclasses import fields, replace
+from dataclasses import replace
 from math import inf
 
 import numpy as np
@@ -6,25 +6,7 @@ import pytest
 
 from sshade import InputError
 from sshade.problem import options as module
-from sshade.problem.options import GROUPS, PRESETS, REGIONS, Options, accepted, described, resolve
-
-
-def test_none_is_the_methods_own_value_and_numbers_of_numpy_are_numbers():
-    assert resolve("fine", dict.fromkeys(described())) == PRESETS["fine"]
-    options = resolve("fast", {"vertices": np.int64(50), "volume": np.float32(0.5), "area": 2})
-    assert (options.vertices, options.volume, options.area) == (50, 0.5, 2.0)
-    assert type(options.vertices) is int and type(options.area) is float
-
-
-@pytest.mark.parametrize("method", [method for method in PRESETS if accepted(method)])
-def test_handle_regions_change_what_is_not_given(method):
-    plain, regional = resolve(method, {}), resolve(method, {}).with_regions()
-    names = [entry.name for entry in fields(Options)]
-    changed = {name for name in names if getattr(plain, name) != getattr(regional, name)}
-    assert changed - {"proxy_attachment"} <= set(REGIONS.get(method, {}))
-    assert bool(changed) == (method in REGIONS)
-    free = resolve(method, {"volume": 0, "area": 0}).with_regions()
-    assert free == replace(regional, volume=0.0, area=0.0)
+from sshade.problem.options import GROUPS, PRESETS, REGIONS, accepted, described, resolve
 
 
 def test_detail_chooses_the_values_of_the_polish_from_smooth_to_least_stretch():

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from matplotlib import pyplot
 
-from sshade import Handles, Mesh
+from sshade import Handles
 from sshade.cli.main import main
 from sshade.files.meshes import write_mesh
 from sshade.files.task_files import write_handles
 from sshade.plotting import pictures
-from sshade.plotting.pictures import View, colour_range, colour_values, edge_error, new_plotter, panel
+from sshade.plotting.pictures import View, new_plotter, panel
 from tests.robustness.case import assert_refused
 from tests.robustness.inputs import BODY
 from tests.shapes import end_handles
@@ -27,25 +27,6 @@ def coloured(pixels: np.ndarray, *, red=(0, 255), green=(0, 255), blue=(0, 255))
 
 BLUE = {"red": (0, 90), "green": (60, 140), "blue": (120, 255)}
 YELLOW = {"red": (170, 255), "green": (130, 220), "blue": (0, 60)}
-
-
-def test_edge_error_of_a_single_stretched_edge():
-    mesh = Mesh(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]]))
-    moved = mesh.V * [2, 1, 1]
-    assert edge_error(mesh, 0.5 * mesh.V) == pytest.approx([50, 50, 50])  # shorter edges count, too
-    diagonal = 100 * (5**0.5 / 2**0.5 - 1)
-    assert edge_error(mesh, moved) == pytest.approx([50, (100 + diagonal) / 2, diagonal / 2])
-
-
-def test_distances_are_percent_of_the_diagonal():
-    moved = BODY.V + [0, 0.5 * BODY.diagonal, 0]
-    assert colour_values(BODY, moved, "distance") == pytest.approx(np.full(BODY.n, 50))
-
-
-def test_colour_range_leaves_the_few_largest_and_a_few_shapes_out():
-    assert colour_range([np.arange(101.0)]) == 98
-    assert colour_range([np.arange(101.0) * scale for scale in (1, 2, 3, 4, 1000)]) == 4 * 98
-    assert colour_range([np.zeros(5)]) == 1
 
 
 def test_a_picture_fills_the_view_with_the_shape_and_its_handles(body):

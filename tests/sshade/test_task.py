@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sshade import DeformationTask, Handles, InputError, Mesh
+from sshade import DeformationTask, Handles, Mesh
 from sshade.problem import snapping
 from sshade.problem.snapping import snap_to_vertices
 from tests.shapes import bumpy, rotation, strip, tetrahedron, torus
@@ -36,23 +36,6 @@ def test_dynamic_handles_carry_the_snap_offset_turned_by_their_groups_rotation(b
     for vertex, target, group in zip(handles.index, handles.target, handles.group, strict=True):
         assert np.allclose(target, expected[int(vertex)], rtol=0, atol=1e-12 * body.diagonal)
         assert group == (7 if vertex < 44 else 2)
-
-
-def test_handles_at_other_targets_equal_new_ones():
-    index, group, weight = np.array([4, 2, 9]), np.array([0, 1, 1]), np.array([np.inf, 2.0, 3.0])
-    turn = np.full((3, 3, 3), np.nan)
-    turn[1] = [[0, -1, 0], [1, 0, 0], [0, 0, 1]]
-    rest = Handles(index, np.zeros((3, 3)), group=group, weight=weight)
-    target = np.arange(9.0).reshape(3, 3)
-    moved, new = rest.at(target, turn), Handles(index, target, group=group, weight=weight, rotation=turn)
-    target[0] = 7.0  # `at` has taken a copy
-    for name in ("index", "target", "dynamic", "group", "weight", "rotation"):
-        np.testing.assert_array_equal(getattr(moved, name), getattr(new, name))
-        assert not getattr(moved, name).flags.writeable
-    assert not rest.target.any() and moved.at(target).rotation is None
-    for wrong in ((np.zeros((2, 3)),), (np.full((3, 3), np.nan),), (target, np.full((3, 3, 3), 2.0))):
-        with pytest.raises(InputError):
-            rest.at(*wrong)
 
 
 SHAPES = {"bumpy": bumpy(4), "flat": strip(60, 40), "torus": torus(90, 30)}

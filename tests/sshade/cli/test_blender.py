@@ -4,9 +4,6 @@ import subprocess
 import sys
 from importlib.metadata import version
 
-import pytest
-
-from sshade import InputError
 from sshade.cli import blender
 from sshade.cli.main import main
 from tests.sshade.blender.wheels import small_wheel
@@ -18,20 +15,6 @@ def test_files_of_the_extension_name_their_licence():
     texts = [path.read_text() for path in blender.ADDON.glob("*.py")]
     assert len(texts) > 5
     assert all(text.startswith("# SPDX-License-Identifier: MIT OR GPL-3.0-or-later\n") for text in texts)
-
-
-@pytest.mark.parametrize(
-    ("system", "machine", "name"),
-    [("Windows", "AMD64", "windows-x64"), ("Darwin", "arm64", "macos-arm64"), ("Linux", "riscv64", None)],
-)
-def test_platforms_have_blenders_names(system, machine, name, monkeypatch):
-    monkeypatch.setattr(blender.platform, "system", lambda: system)
-    monkeypatch.setattr(blender.platform, "machine", lambda: machine)
-    if name:
-        assert blender.platform_name() == name
-    else:
-        with pytest.raises(InputError, match=f"no Blender for {system}"):
-            blender.platform_name()
 
 
 def test_the_own_wheel_installs_the_package_alone(tmp_path):

@@ -10,7 +10,7 @@ import pytest
 
 from defaust.cli import EXTRAS as OF_DEFAUST
 from eval import EXTRAS as OF_EVAL
-from sshade.core.console import EXTRAS, mistakes_told
+from sshade.core.console import EXTRAS
 
 #: A Python in which no library of an extra can be imported.
 REFUSE = f"""\
@@ -66,8 +66,3 @@ def test_the_extra_is_named_in_one_sentence(sound, program):
     assert done.returncode == 0 and done.stdout == "", done.stderr
     for error, words in zip(done.stderr.splitlines(), MISSING[program].values(), strict=True):
         assert error.startswith("error: ") and words in error
-
-
-def test_another_missing_module_is_an_error_of_the_program():
-    with pytest.raises(ModuleNotFoundError, match="no_such_library"), mistakes_told():
-        __import__("no_such_library")

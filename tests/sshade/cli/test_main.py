@@ -3,7 +3,6 @@ import sys
 from contextlib import suppress
 from importlib.metadata import version
 from pathlib import Path
-from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -37,16 +36,6 @@ def ended(work) -> int:
     return end.code
 
 
-def test_an_interrupt_ends_with_130_and_an_error_of_the_program_is_not_hidden(capsys):
-    closed = PermissionError(13, "Permission denied", "rows.csv")
-    command = Mock(side_effect=[KeyboardInterrupt, InputError("too small"), closed, 0, ValueError("a bug")])
-    assert [ended(command) for _ in range(4)] == [130, 2, 2, 0]
-    said = "interrupted\nerror: too small\nerror: rows.csv: Permission denied\n"
-    assert capsys.readouterr().err == said
-    with pytest.raises(ValueError, match="a bug"):
-        ended(command)
-
-
 @pytest.mark.parametrize(("name", "code"), [("SIGTERM", 143), ("SIGINT", 130)])
 def test_a_signal_ends_a_command_and_leaves_no_file_and_the_handlers_as_they_were(here, name, code):
     Path("a.txt").write_text("old")
@@ -64,18 +53,6 @@ def test_a_signal_ends_a_command_and_leaves_no_file_and_the_handlers_as_they_wer
     finally:
         signal.signal(number, before)
     assert [p.name for p in here.iterdir()] == ["a.txt"] and Path("a.txt").read_text() == "old"
-
-
-def test_an_interrupt_in_a_compiled_function_is_no_error_of_the_program(capsys):
-    def fails(cause: BaseException) -> None:
-        raise SystemError("returned a result with an exception set") from cause
-
-    for cause in (KeyboardInterrupt(), SystemError()):
-        cause.__cause__ = None if isinstance(cause, KeyboardInterrupt) else KeyboardInterrupt()
-        assert ended(lambda cause=cause: fails(cause)) == 130
-        assert capsys.readouterr().err == "interrupted\n"
-    with pytest.raises(SystemError):
-        ended(lambda: fails(ValueError()))
 
 
 def test_progress_draws_a_bar_on_a_terminal_and_nothing_elsewhere(capsys, monkeypatch):

@@ -8,15 +8,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from sshade import Handles
-from sshade.cli import sequence as command
 from sshade.cli.main import main
-from sshade.files import gltf_morph
 from sshade.files.meshes import read_arrays, write_mesh
 from sshade.files.task_files import write_handles
 from sshade.method import sequence
-from sshade.problem.facts import Facts
 from tests.gltf import arrays, taken_apart, with_arrays
-from tests.robustness.case import assert_refused
 from tests.shapes import bumpy, end_handles
 
 BODY = bumpy(2)
@@ -44,12 +40,6 @@ def folder(here) -> Path:
 
 def poses(*numbers: int) -> list[str]:
     return [f"pose_{number}.json" for number in (numbers or range(len(STEPS)))]
-
-
-def test_the_largest_gaps_of_all_poses_are_told():
-    facts = [Facts(gap=0.2, opening=0.1), Facts(gap=0.1, side_gap=0.4, opening=0.3)]
-    largest = command._with_largest_gaps(facts)
-    assert (largest.gap, largest.side_gap, largest.opening) == (0.2, 0.4, 0.3)
 
 
 def test_the_shapes_of_earlier_poses_are_freed(folder, monkeypatch):
@@ -125,9 +115,3 @@ def test_a_glb_has_a_morph_target_and_a_key_for_each_pose_and_keeps_what_the_mes
                 one, other = read_gltf(f"out_{number + 1}.glb")
                 truth = other[one["meshes"][mesh]["primitives"][0]["attributes"][name]]
                 np.testing.assert_allclose(shown[number], truth, atol=2e-6)
-
-
-def test_a_glb_that_would_be_too_large_is_refused(folder, monkeypatch):
-    monkeypatch.setattr(gltf_morph, "LARGEST", 10_000)
-    line = ["deform", "body.ply", *poses(), "-o", "out.glb", *FAST]
-    assert_refused("sshade", line, "4 poses take 0.0 GB, and a glTF file holds")

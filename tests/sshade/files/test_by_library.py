@@ -1,7 +1,6 @@
 """Formats of libraries: read, written, and read back by the libraries themselves; what is lost is said."""
 
 import json
-import re
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +9,6 @@ import pyvista
 import trimesh
 
 import sshade
-from sshade import InputError
 from sshade.cli.main import main
 from sshade.files.meshes import read_arrays, read_file, write_file, write_mesh
 from tests.shapes import bumpy, rotation, unjoined
@@ -57,11 +55,6 @@ def test_collada_keeps_the_surface_to_seven_digits(here):
     for found in (sshade.read("a.dae"), by_library(Path("a.dae"))):
         np.testing.assert_allclose(found[0][found[1]], V[F], rtol=3e-7)
     np.testing.assert_allclose(read_file("a.dae").rounding, 2**-15)
-
-
-def test_points_alone_are_read(here):
-    np.savetxt("a.xyz", V)
-    assert np.array_equal(sshade.read("a.xyz").V, V) and sshade.read("a.xyz").F.shape == (0, 3)
 
 
 @pytest.mark.parametrize("suffix", [".vtp", ".vtk"])
@@ -133,23 +126,3 @@ def test_handles_are_on_target_where_a_library_numbers_vertices_anew(here, kind,
         assert main(f"deform a.ply pose.json -o b{suffix} --vertices 60 --repair".split()) == 0
         said = capsys.readouterr().err
         assert " handles on target" in said and "single precision" not in said
-
-
-def test_collada_files_with_a_broken_reference_are_refused_by_it(here):
-    """trimesh leaves out meshes whose material is not there."""
-    sshade.write("a.dae", V, F)
-    text = Path("a.dae").read_text()
-    (name,) = re.findall('<material id="([^"]+)"', text)
-    Path("a.dae").write_text(text.replace(f'<material id="{name}"', '<material id="other"'))
-    with pytest.raises(InputError, match=f"not a readable DAE file .*{name} not found"):
-        read_file("a.dae")
-
-
-@pytest.mark.parametrize(("part", "name"), [("skin", "a skin"), ("c:morph", "morph targets")])
-def test_rigged_collada_files_are_refused_by_what_they_hold(here, part, name):
-    """trimesh leaves out the meshes that a skeleton moves."""
-    sshade.write("a.dae", V, F)
-    rig = f'<library_controllers><{part} source="#g"/></library_controllers><library_geometries>'
-    Path("a.dae").write_text(Path("a.dae").read_text().replace("<library_geometries>", rig))
-    with pytest.raises(InputError, match=f"it holds {name}, which cannot be deformed: apply the pose"):
-        read_file("a.dae")

@@ -10,7 +10,7 @@ from threading import Barrier
 import pytest
 
 from sshade import InputError
-from sshade.core.whole_files import check_output, read_npz, replacing
+from sshade.core.whole_files import check_output, replacing
 
 
 def write(path: Path, text: str = "new") -> None:
@@ -52,30 +52,6 @@ def test_on_an_error_or_interrupt_the_old_file_stays_and_nothing_else(here, erro
         temporary.write_text("half")
         raise error
     assert Path("a.txt").read_text() == "old" and os.listdir() == ["a.txt"]
-
-
-@pytest.mark.parametrize(
-    ("path", "words", "when_written"),
-    [
-        ("nowhere/a.txt", "the folder nowhere does not exist", "cannot be written"),
-        ("file/a.txt", "the folder file does not exist", "cannot be written"),
-        ("loop.txt", "symbolic links", "cannot be written"),
-        ("lost.txt", "gone does not exist", "cannot be written"),
-        ("pipe.txt", "is a device or a pipe", "is a device or a pipe"),
-        ("null.txt", "is a device or a pipe", "is a device or a pipe"),
-    ],
-)
-def test_a_place_that_cannot_be_written_is_refused_before_any_work(here, path, words, when_written):
-    Path("file").write_text("old")
-    os.mkfifo("pipe.txt")
-    for link, target in {"loop.txt": "loop.txt", "lost.txt": "gone/a.txt", "null.txt": os.devnull}.items():
-        Path(link).symlink_to(target)
-    before = sorted(os.listdir())
-    with pytest.raises(InputError, match=words):
-        check_output(Path(path), (".txt",))
-    with pytest.raises(InputError, match=when_written):
-        write(Path(path))
-    assert sorted(os.listdir()) == before and Path("pipe.txt").is_fifo() and Path("null.txt").is_symlink()
 
 
 def test_a_link_stays_and_its_target_is_replaced_in_its_own_folder(here):
@@ -134,10 +110,3 @@ def test_what_a_killed_process_left_is_removed_and_that_of_a_living_one_is_not(h
         Path(left).write_text("half")
     write(Path("a.txt"), "newer")
     assert set(os.listdir()) == {"a.txt", living, of_another} and Path("a.txt").read_text() == "newer"
-
-
-@pytest.mark.parametrize("content", [b"", b"random bytes", b"PK\x03\x04"])
-def test_a_file_that_is_no_npz_is_refused_without_advice_to_load_a_pickle(here, content):
-    Path("map.npz").write_bytes(content)
-    with pytest.raises(InputError, match=r"map\.npz: not a map \(it is no \.npz file, or ends too early\)$"):
-        read_npz("map.npz", what="a map")

@@ -3,17 +3,15 @@
 import base64
 import json
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import trimesh
 
-from sshade import InputError, Mesh
-from sshade.files.gltf_scene import Gltf
+from sshade import Mesh
 from sshade.files.mesh_file import MeshFile
 from sshade.files.meshes import read_arrays, read_file, write_file
-from tests.gltf import arrays, glb, taken_apart, with_arrays
+from tests.gltf import arrays, glb, taken_apart
 from tests.shapes import icosphere, rotation
 
 SPHERE = icosphere(2)
@@ -169,14 +167,6 @@ def test_lines_and_points_beside_triangles_have_vertices_without_faces(here, mod
     json.loads(content[20 : 20 + int.from_bytes(content[12:16], "little")], parse_constant=pytest.fail)
 
 
-@pytest.mark.parametrize(("mode", "expected"), [(5, [[0, 1, 2], [3, 2, 1]]), (6, [[1, 2, 0], [2, 3, 0]])])
-def test_strips_and_fans(here, mode, expected):
-    points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]], dtype="f4")
-    tree = {"meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "mode": mode}]}]}
-    Path("a.glb").write_bytes(with_arrays(tree, points))
-    assert read_arrays("a.glb")[1].tolist() == expected
-
-
 def test_nodes_that_no_scene_shows_keep_their_shape(here):
     """A hidden node and a shown node have the same mesh. In a file without scenes, both are shown."""
     tree, buffer = exported()
@@ -292,14 +282,3 @@ def test_normals_that_are_also_positions_or_those_of_other_positions_get_numbers
     assert found == [[0, 1, 2], [7, 8, 9]]
     for number, expected in (1, SPHERE.V), (8, SPHERE.V @ turn.T):
         assert np.allclose(arrays(new, data)[number], expected, atol=1e-6)
-
-
-def test_a_glb_of_version_1_is_refused(here):
-    Path("a.glb").write_bytes(glb(*exported()).replace(b"\2", b"\1", 1))
-    with pytest.raises(InputError, match=r"a file of glTF 1, and only glTF 2\.0"):
-        read_file("a.glb")
-
-
-def test_whole_numbers_of_a_normal_lie_between_minus_one_and_one():
-    stored = SimpleNamespace(array=lambda _: np.array([[-128, -127, 127]], np.int8))
-    assert Gltf.fractions(stored, 0).tolist() == [[-1, -1, 1]]

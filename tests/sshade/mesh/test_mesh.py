@@ -12,11 +12,11 @@ from scipy.spatial.transform import Rotation
 
 from sshade import DeformationTask, Handles, Mesh, deform
 from sshade.mesh.mesh import unit_rows
-from sshade.mesh.normals import NORMALS, SMOOTH, smooth_groups, turned, vertex_turns
+from sshade.mesh.normals import turned, vertex_turns
 from sshade.mesh.quality import NEAR, NearParts, surface_points
 from sshade.mesh.rigid import common_motion, rigid_motion
-from sshade.mesh.unconstrained import contacts, leaders
-from tests.shapes import beside, block, bumpy, icosphere, rotation, shifted, tetrahedron, tube, unjoined
+from sshade.mesh.unconstrained import leaders
+from tests.shapes import beside, block, bumpy, icosphere, rotation, shifted, tetrahedron, tube
 
 TRIANGLE = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
 
@@ -78,17 +78,6 @@ def test_a_seam_with_rounded_normals_stays_smooth():
     rest.setflags(write=False)
     Q = vertex_turns(N, F, rest, POSED[BALL.F.ravel()])
     np.testing.assert_allclose(Q, TURNED[BALL.F.ravel()], rtol=0, atol=2e-6)
-
-
-def test_a_hard_edge_stays_hard():
-    place = np.zeros((4, 3))
-    N = unit_rows(np.array([[0, 0, 1.0], [0, 0.9 * SMOOTH, 1], [0, 2.5 * SMOOTH, 1], [0, 0, np.nan]]))
-    group, one = smooth_groups(place, N)
-    assert group.tolist() == [0, 0, 1, 2] and one.tolist() == [0, 2, 3]
-    crowd = unit_rows(np.stack([np.ones(60), np.arange(60) % 30, np.zeros(60)], axis=1))
-    assert NORMALS < 30
-    group, one = smooth_groups(np.zeros((60, 3)), crowd)
-    assert group.tolist() == 2 * list(range(30)) and one.tolist() == list(range(30))
 
 
 TUBE = tube(16, 10, length=2.0)
@@ -193,46 +182,6 @@ def test_points_without_one_or_with_several(unit):
 
 
 BODY = bumpy(2)
-
-
-def test_contacts_are_places_of_several_components():
-    mesh, free = unjoined(BODY), np.arange(1, BODY.m)
-    found = contacts(mesh, free)
-    assert found.components == BODY.m - 1 and len(found.vertex) == mesh.n
-    assert np.array_equal(np.sort(found.vertex), np.arange(mesh.n))
-    assert np.array_equal(mesh.V[found.vertex], mesh.V[found.first])
-    assert len(np.unique(found.first)) == BODY.n
-    # If only component 7 has no handles, only the contacts of component 7 count.
-    few = contacts(mesh, np.array([7]))
-    assert few.components == 1
-    assert set(few.first) == set(few.vertex[np.unique(few.first, return_index=True)[1]])
-    assert len(np.unique(few.first)) == 3 and {21, 22, 23} <= set(few.vertex)
-    assert contacts(mesh, np.zeros(0, dtype=int)).components == 0
-    apart = beside(BODY, shifted(BODY, 9))
-    none = contacts(apart, np.array([1]))
-    assert none.components == 0 and none.opening(apart.V) == 0
-    V = mesh.V.copy()
-    V[30] += [0.3, 0, 0.4]
-    assert found.opening(mesh.V) == 0 and found.opening(V) == pytest.approx(0.5)
-
-
-def test_components_that_come_apart_are_named_before(caplog):
-    """The triangles touch at coincident corners, which the task does not merge."""
-    mesh, b = unjoined(BODY), np.array([0, 1, 2])
-    target = mesh.V[b] @ rotation(1).T
-    seen = []
-    task = DeformationTask("m", mesh, Handles(b, target))
-    result = deform(task, progress=lambda *_: seen.append(len(caplog.records)))
-    words = "319 components without handles touch other components, and may come apart from them where"
-    assert words in caplog.text and min(seen, default=1) == 1
-    assert result.facts.touching == 319 and result.facts.opening < 1e-12  # all follow one triangle
-    caplog.clear()
-    deform(DeformationTask("m", mesh, Handles(np.arange(12), mesh.V[:12])), method="interpolate")
-    assert caplog.text.count("touch other components") == 1
-    target[2] += 0.3
-    two = Handles(np.append(b, 600), np.concatenate([target, mesh.V[[600]] + 1]))
-    result = deform(DeformationTask("m", mesh, two))
-    assert result.facts.opening > 0.01
 
 
 def in_order(mesh: Mesh) -> Mesh:

@@ -10,7 +10,6 @@ from scipy.spatial.transform import Rotation
 import sshade
 from baselines.accelerated import local_global
 from sshade import (
-    DeformationResult,
     DeformationTask,
     Deformer,
     Handles,
@@ -18,10 +17,8 @@ from sshade import (
     bind,
     transfer_pose,
 )
-from sshade.core.progress import silent
 from sshade.method import polish
 from sshade.problem.options import PRESETS, SOLVER
-from sshade.proxy.bind import proxy_vertices, shared_vertices
 from sshade.proxy.triangle import TriangleFrames
 from sshade.regions.handle_regions import edge_vertices
 from tests.shapes import bent, beside, bumpy, end_handles, moved_parts, shifted
@@ -121,15 +118,6 @@ def test_the_result_is_the_mean_of_the_single_samplings(body_task, frames):
     assert set(result.seconds) == {"remesh", "bind", "solve", "carry"}
 
 
-def test_convergence_is_unknown_if_one_sampling_does_not_say(body_task):
-    def unsure(task, *, seed, progress=silent):
-        return DeformationResult(task.mesh.V, iterations=1, converged=next(answers))
-
-    for given, whole in (([True, None], None), ([True, False], False), ([True, True], True)):
-        answers = iter(given)
-        assert paper(body_task, vertices=60, samplings=2, proxy_method=unsure, workers=1).converged is whole
-
-
 BODY = bumpy(3)
 #: Largest relative error of a volume.
 WHOLE = 1e-3
@@ -157,31 +145,6 @@ def test_goals_are_reached_with_handles_on_their_targets(name, method):
     assert ratio(BODY, result.vertices[: BODY.n]) == pytest.approx(1.1, rel=WHOLE)  # of each component
     assert method == "paper" or result.facts.hard_handle_error < 1e-12
     assert result.facts.volume_goal_error < WHOLE and result.facts.options["volume_goal"] == 1.1
-
-
-def test_a_quarter_of_the_mesh_at_most_and_room_for_the_handles():
-    """And no more than the mesh has. So few that the sampling refuses them stay so few."""
-    n = [24_000, 23_999, 4802, 1000, 302, 4, 5000]
-    asked, handles = [6000] * 6 + [10], [300] * 5 + [0, 300]
-    assert list(map(proxy_vertices, asked, n, handles)) == [6000, 5999, 1200, 304, 302, 4, 10]
-
-
-@pytest.mark.parametrize(
-    ("asked", "area", "shares"),
-    [
-        (100, [1, 3, 6], [10, 30, 60]),
-        (300, [1, 3, 6], [33, 70, 197]),  # the second gets its maximum, the others the rest
-        (60, [1, 1, 4], [10, 10, 40]),
-        (60, [1, 0.2, 4], [10, 10, 40]),  # the second needs more than its portion
-        (1000, [1, 3, 6], [40, 70, 250]),
-        (5, [1, 3, 6], [2, 10, 4]),
-        (100, [0, 0, 1], [2, 10, 88]),
-        (100, [1, 0, 0], [40, 10, 4]),
-    ],
-)
-def test_components_share_by_area_what_they_can_use(asked, area, shares):
-    least, most = np.array([2, 10, 4]), np.array([40, 70, 250])
-    assert shared_vertices(asked, np.array(area, dtype=float), least, most).tolist() == shares
 
 
 @pytest.mark.parametrize("run", [paper, Deformer, transfer_pose])
