@@ -9,8 +9,10 @@ import pyvista
 import trimesh
 
 import sshade
+from sshade import InputError
 from sshade.cli.main import main
 from sshade.files.meshes import read_arrays, read_file, write_file, write_mesh
+from tests.robustness.working import cut
 from tests.shapes import bumpy, rotation, unjoined
 
 BODY = bumpy(2)
@@ -126,3 +128,14 @@ def test_handles_are_on_target_where_a_library_numbers_vertices_anew(here, kind,
         assert main(f"deform a.ply pose.json -o b{suffix} --vertices 60 --repair".split()) == 0
         said = capsys.readouterr().err
         assert " handles on target" in said and "single precision" not in said
+
+
+@pytest.mark.parametrize("suffix", [".vtp", ".vtu", ".vtk", ".3mf", ".dae"])
+def test_a_file_that_is_cut_or_another_is_refused_without_the_words_of_its_library(here, suffix, capfd):
+    write_mesh(f"a{suffix}", V, F)
+    cut(f"a{suffix}")
+    Path(f"page{suffix}").write_text("<!DOCTYPE html>")
+    for name in ("a", "page"):
+        with pytest.raises(InputError, match=rf"not a readable {suffix[1:].upper()} file \("):
+            read_file(f"{name}{suffix}")
+    assert capfd.readouterr() == ("", "")

@@ -17,27 +17,20 @@ from tests.write import columns, lines, mesh_ply, rows
 #: A rotation without rounding errors (x to y, y to z, z to x), and a shift.
 TURN = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])
 SHIFT = np.array([0.5, 0.25, 2.0])
-MESHLAB = sample("meshlab.ply")
-OBJ = {"groups", "smoothing groups", "polygons", "comments", "texture coordinates", "materials"}
-#: Text of a file; which of its words are the first number of a position and of a normal, by the first word of
-#: the line or the number of its words; and its further contents.
+OBJ = {"groups", "comments", "texture coordinates", "materials"}
+STUDIO = {"vertex colours", "lines and points"}
+OFF = {"vertex colours", "normals", "face colours"}
+PLY = {"vertex normals", "vertex colours", "texture coordinates", "face normals", "comments"}
+#: Files; which of their words are the first number of a position and of a normal, by the first word of the
+#: line or the number of its words; and their further contents. MeshLab writes normals behind colours.
 SAMPLES = {
-    "blender.obj": (sample("blender.obj"), {"v": 1}, {"vn": 1}, OBJ | {"normals"}),
-    "studio.obj": (sample("studio.obj"), {"v": 1}, {}, OBJ | {"vertex colours", "lines and points"}),
-    "two_facets.stl": (sample("two_facets.stl"), {"vertex": 1}, {"facet": 2}, set()),
-    "meshlab.ply": (
-        MESHLAB,
-        {11: 0},
-        {11: 3, 15: 12, 9: 6},
-        {"vertex normals", "vertex colours", "property quality", "texture coordinates", "face normals"}
-        | {"element camera", "comments"},
-    ),
-    "colours.off": (
-        sample("colours.off"),
-        {10: 0, 13: 0},
-        {10: 3, 13: 3},
-        {"vertex colours", "normals", "face colours", "polygons", "comments"},
-    ),
+    "blender.obj": ({"v": 1}, {"vn": 1}, OBJ | {"normals", "smoothing groups", "polygons"}),
+    "studio.obj": ({"v": 1}, {}, OBJ | STUDIO | {"smoothing groups", "polygons"}),
+    "odd.obj": ({"v": 1}, {}, OBJ | STUDIO | {"free form curves and surfaces"}),
+    "two_facets.stl": ({"vertex": 1}, {"facet": 2}, set()),
+    "meshlab.ply": ({11: 0}, {11: 3, 15: 12, 9: 6}, PLY | {"property quality", "element camera"}),
+    "colours.off": ({10: 0, 13: 0}, {10: 3, 13: 3}, OFF | {"polygons", "comments"}),
+    "meshlab.off": ({12: 0}, {12: 7}, OFF | {"texture coordinates"}),
 }
 
 
@@ -49,7 +42,7 @@ def rewritten(path: Path, V: np.ndarray) -> bytes:
 
 @pytest.mark.parametrize("name", SAMPLES)
 def test_a_turned_text_differs_in_positions_and_normals_alone(here, name):
-    text, positions, normals, holds = SAMPLES[name]
+    text, (positions, normals, holds) = sample(name), SAMPLES[name]
     path = Path(name)
     path.write_bytes(text.encode())
     file = read_file(path)
@@ -70,7 +63,7 @@ def test_a_turned_text_differs_in_positions_and_normals_alone(here, name):
                 new[own] = old[own]
                 turned += 1
         assert new == old
-    assert turned >= 4 and written.count("\r\n") == text.count("\r\n")
+    assert turned >= 3 and written.count("\r\n") == text.count("\r\n")
 
 
 @pytest.mark.parametrize(

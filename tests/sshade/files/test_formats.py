@@ -22,21 +22,6 @@ def stored(name: str, text: str) -> MeshFile:
     return read_file(name)
 
 
-@pytest.mark.parametrize(
-    ("keyword", "colour", "texture"), [("NCSTOFF", "255 0 0 255", "0.5 0.25"), ("NCOFF", "255 0 0", "")]
-)
-def test_off_of_meshlab_with_normals_behind_colours(here, keyword, colour, texture):
-    """MeshLab writes colours, normals and texture coordinates in this order."""
-    points = "".join(f"{place} {colour} 0 0 1 {texture} \n" for place in ("0 0 0", "1 0 0", "0 1 0"))
-    file = stored("a.off", f"{keyword}\n3 1 0\n{points}3 0 1 2 9 9 9\n")
-    assert file.holds[-3:] == ("normals", "vertex colours", "face colours")
-    assert file.holds[:-3] == ("texture coordinates",) * bool(texture)
-    write_file("b.off", file, file.V[:, [1, 2, 0]])  # z to y
-    assert np.array_equal(read_arrays("b.off")[0], file.V[:, [1, 2, 0]])
-    expected = f"{colour} 0 1.0 0.0 {texture}".split()
-    assert [line.split()[3:] for line in Path("b.off").read_text().splitlines()[2:5]] == [expected] * 3
-
-
 def streams() -> dict[str, bytes]:
     """Return OFF files of one mesh, most of which have rows that are no lines."""
     head, counts, *rows = off(BALL.V, BALL.F).splitlines()
@@ -82,37 +67,6 @@ def test_several_solids_of_an_stl(here, change):
     assert file.lost("a.ply") == ("solids",)
     write_file("b.stl", file, file.V)
     assert Path("b.stl").read_bytes() == text.encode()
-
-
-def test_an_obj_with_all_that_tools_write(here):
-    """Faces before vertices, comments behind numbers and in paths, weights, colours, and unknown lines."""
-    text = """\
-\ufeffv 0 0 0 # the first vertex
-# exported to C:\\meshes\\
-v 1 0 0 1.0
-o Part#1
-g one two
-f -2 -1 3 # a face whose last vertex follows
-v 0 1 0 0.5 0.25 1
-vt 0.5 0.5
-vp 0.25
-usemtl Red#2
-f 1/1/ 2/1 \\
- 3/
-p 1
-l 1 2 3
-cstype bezier
-curv 0 1 1 2 3
-end
-"""
-    file = stored("a.obj", text)
-    assert file.V.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
-    assert file.F.tolist() == [[0, 1, 2], [0, 1, 2]]
-    assert "free form curves and surfaces" in file.holds
-    write_file("b.obj", file, file.V + [0, 0, 2])
-    for old in ("v 0 0 0 #", "v 1 0 0 1.0", "v 0 1 0 0.5 0.25 1"):
-        text = text.replace(old, old[:6] + "2.0" + old[7:])
-    assert Path("b.obj").read_bytes() == text.encode()
 
 
 SHADED_FACES = [f"f {a}//1 {b}//2 {c}//3" for a, b, c in BALL.F + 1]
