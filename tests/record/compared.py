@@ -14,7 +14,7 @@ TINY, ZERO, SIZE = 1e-4, 1e-9, 10.0
 #: Relative difference of memory, and the megabytes that depend on what was loaded before.
 MEMORY, MEGABYTES = 0.04, 0.8
 #: Beginnings of the lines of a transcript that are given.
-GIVEN = (">", "$ ", "@ ")
+GIVEN = (">", "$ ", "@ ", "% ")
 #: Up to this number, calls are counted exactly.
 FEW = 8
 

@@ -6,7 +6,8 @@ content of a further file, with escapes as in Python's bytes. A line that begins
 lines below it are recorded: what the command says, its exit code if it is not 0, and what each file holds
 that is new or has changed. A line that begins with ``>>> `` is Python; its value, its warnings or its error
 are recorded, and the files. A line that begins with ``@ `` has actions of a user on a page, which node plays;
-``@ open`` opens the page of a session or of a file, the value of Python.
+``@ open`` opens the page of a session or of a file, the value of Python. A line that begins with ``% `` is a
+command of which the functions that it calls more than once are recorded: see :mod:`tests.record.work`.
 """
 
 import re
@@ -16,14 +17,16 @@ from pathlib import Path
 from types import CodeType
 from typing import Any
 
+from eval.pace import on_one_cpu
 from tests.files import contents
 from tests.record import inputs
 from tests.record.described import described, file_lines, steady, text_lines
 from tests.record.pages import Page
+from tests.record.work import comparable, counted, counts
 from tests.robustness.case import run
 
 HERE = Path(__file__).parent / "commands"
-INPUT, FILE, COMMAND, PYTHON, PAGE = "Files: ", "> ", "$ ", ">>> ", "@ "
+INPUT, FILE, COMMAND, PYTHON, PAGE, WORK = "Files: ", "> ", "$ ", ">>> ", "@ ", "% "
 OPEN = "open "
 #: Begins the names of transcripts of pages.
 PAGES = "page_"
@@ -39,12 +42,12 @@ def transcripts() -> list[str]:
 
 def recorded(name: str) -> list[str]:
     """Return the lines of a transcript."""
-    return (HERE / f"{name}.txt").read_text("utf-8").splitlines()
+    return comparable((HERE / f"{name}.txt").read_text("utf-8").splitlines())
 
 
 def played(lines: list[str]) -> list[str]:
     """Run the lines of a transcript in an empty working folder; return the transcript of this run."""
-    begins = FILE, COMMAND, PYTHON, PAGE
+    begins = FILE, COMMAND, PYTHON, PAGE, WORK
     head = lines[: next((i for i, line in enumerate(lines) if line.startswith(begins)), None)]
     made = [line for line in head if line]
     with Page() as page:
@@ -68,6 +71,11 @@ def _effects(begin: str, text: str, known: dict[str, Any]) -> list[str]:
         Path(name).write_bytes(content.encode("latin-1").decode("unicode_escape").encode("latin-1"))
         return []
     before = contents()
+    if begin == WORK:
+        with on_one_cpu(), counted() as calls:
+            code, _, err = run(text)
+        assert not code, err
+        return [line for line in counts(calls) if not line.startswith("1 ")]
     effects = {COMMAND: _said, PYTHON: _given, PAGE: _played}
     lines = list(effects[begin](text, known))
     after = contents()

@@ -8,11 +8,12 @@ are called within iterations have many calls, which another processor changes a 
 import gc
 import logging
 import os
+import re
 import sys
 import threading
 import tracemalloc
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
@@ -43,8 +44,17 @@ def transcripts() -> list[str]:
 
 def recorded(name: str) -> list[str]:
     """Return the recorded lines of a scene, as far as this Python can repeat them."""
-    lines = (HERE / f"{name}.txt").read_text("utf-8").splitlines()
-    return [line for line in lines if COUNTS or " calls " not in line]
+    return comparable((HERE / f"{name}.txt").read_text("utf-8").splitlines())
+
+
+def comparable(lines: list[str]) -> list[str]:
+    """Return the lines that this Python can repeat."""
+    return [line for line in lines if COUNTS or not re.match(r"\d+ calls ", line)]
+
+
+def counts(calls: Mapping[str, int]) -> list[str]:
+    """Return a line for the calls of each function, if this Python counts them all."""
+    return [f"{count} calls {function}" for function, count in sorted(calls.items()) if COUNTS]
 
 
 def played(name: str) -> list[str]:
@@ -63,9 +73,7 @@ def played(name: str) -> list[str]:
         peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
-    if COUNTS:
-        lines += [f"{count} calls {function}" for function, count in sorted(calls.items())]
-    return [*lines, f"peak of {peak / 2**20:.2f} megabytes"]
+    return [*lines, *counts(calls), f"peak of {peak / 2**20:.2f} megabytes"]
 
 
 @cache
