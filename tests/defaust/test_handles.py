@@ -100,3 +100,6 @@ def test_landmarks_that_disagree_are_listed():
     assert facts["contradictions"] == [pytest.approx(pair, abs=1e-6)]
     _, far = facts_of(lambda V: V + [0, 0, 4] * (V[:, :1] > 4.5), chosen={"a": near(3), "b": near(15)})
     assert far["contradictions"] == []
+    _, turned = facts_of(lambda V: rotated(V, 90, 4.5), chosen={"a": near(3), "b": near(6)})
+    away = np.linalg.norm(rest.V[near(3)] - [4.5, 0, 0], axis=1).mean()
+    assert turned["contradictions"][0]["distance"] == pytest.approx(np.sqrt(2) * away / rest.diagonal)

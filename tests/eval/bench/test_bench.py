@@ -1,5 +1,6 @@
 """The benchmark command on a small mesh: every kind writes its rows, and a mistake gives one sentence."""
 
+from itertools import count, repeat
 from pathlib import Path
 from time import sleep
 
@@ -7,7 +8,7 @@ import numpy as np
 import pytest
 
 from baselines import arap
-from eval.bench import quality
+from eval.bench import quality, turns
 from eval.bench.bench import read_cases, write_tables
 from eval.bench.turns import ATTEMPTS, Job, Reading, take_turns, used_by_others
 from eval.main import call, main
@@ -117,11 +118,14 @@ def test_the_command_line(machine):
     assert (numbers(rows, "seconds.method") < numbers(rows, TOTAL)).all()
 
 
-def job(name, order):
+ALIKE = repeat(1.0)
+
+
+def job(name, order, seconds=ALIKE):
     def call():
         order.append(name)
         sleep(2e-3)
-        return {"seconds.total": 1.0}
+        return {TOTAL: next(seconds)}
 
     return Job({"method.name": name, "method.hash": name, "task.name": "t", "task.checksum": "c"}, call)
 
@@ -132,6 +136,13 @@ def test_several_rejected_repeats_in_a_row_end_the_command(machine):
     with pytest.raises(InputError, match="not quiet: 5 repeats of a on t in a row .* used 30% .*nothing was"):
         take_turns([job("a", order)], rounds=3)
     assert order == ["a"] * (1 + ATTEMPTS)
+
+
+def test_seconds_of_a_repeat_are_the_mean_of_its_calls(machine, monkeypatch):
+    monkeypatch.setattr(turns, "SHORTEST", 0.02)
+    seconds = map(float, count())
+    (row,) = take_turns([job("a", [], seconds)], rounds=1)
+    assert row["calls"] > 1 and row[TOTAL] == (1 + row["calls"]) / 2  # call 0 is the warm-up
 
 
 @pytest.mark.parametrize(("busy", "own", "share"), [(19.0, 18.1, 0.045), (19.0, 17.8, 0.06), (5.0, 5.1, 0.0)])

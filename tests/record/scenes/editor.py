@@ -10,6 +10,7 @@ from unittest import mock
 import numpy as np
 
 from sshade.edit.commands import Commands
+from sshade.edit.selection import near, selected
 from sshade.files.task_files import write_handles
 from tests.record.scenes.scene import Values, outcomes, scene
 from tests.shapes import beside, bumpy, moved_parts, rotation, shifted
@@ -134,6 +135,8 @@ def editor_of_files() -> Values:
         said = asked(Commands(again))
         for command in ("recover", "settle", "undo", "redo"):
             yield brief(said(command))
+        again.select(np.array([5, 6]), "replace")
+        yield "numbers", [group["number"] for group in said("mark", kind="fixed")[1]["groups"]]
         again.save("handles", "recovered.json", over=True)
         session.recovery.remove()
         again.recovery.remove()
@@ -177,3 +180,10 @@ def editor_of_parts() -> Values:
         session.save("handles", "all.json", over=True)
         yield "command", session.document.command
         yield "all", saved("all.json")
+
+
+@scene
+def memory_of_picking() -> Values:
+    mesh = bumpy(5)
+    yield "near", near(mesh, np.arange(1000), 0.3)
+    yield "linked", selected(mesh, mesh.V[:, 2] > 1, np.empty(0, dtype=np.int64), "linked")
