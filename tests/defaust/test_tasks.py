@@ -16,29 +16,6 @@ from tests.defaust.toy import relist
 from tests.shapes import end_handles, icosphere
 
 
-def test_a_task_at_low_resolution_is_exact(finished):
-    task = load_task(finished, subject=1, pose=2, resolution="low")
-    posed = read_mesh(finished / "subject_01/pose_2_low.ply")
-    np.testing.assert_array_equal(task.truth, posed.V)
-    np.testing.assert_array_equal(task.handles.target, posed.V[task.handles.index])
-    assert np.bincount(task.handles.group).tolist() == [6, 6, 6]
-    assert task.handles.dynamic.all()
-    assert task.meta["snap_max"] == 0 and task.meta["merged"] == 0
-
-
-def test_static_handles_stay_at_their_vertices(finished):
-    task = load_task(finished, subject=0, pose=1)
-    assert (
-        task.meta["snap_max"] == task.handles.snapping.distance.max() > task.handles.snapping.distance.min()
-    )
-    static = task.handles.index[~task.handles.dynamic]
-    assert len(static) == task.meta["n_static"] > 0
-    np.testing.assert_array_equal(task.handles.target[~task.handles.dynamic], task.mesh.V[static])
-    # Group ids are landmark ids: the top (0) moves, the bottom (1) stays.
-    assert set(task.handles.group[task.handles.dynamic]) == {0}
-    assert set(task.handles.group[~task.handles.dynamic]) == {1}
-
-
 def test_a_task_without_ground_truth_has_a_reason(dataset):
     low = read_mesh(dataset / "subject_00/rest_low.ply")
     write_mesh(dataset / "subject_00/rest_low.ply", 1.02 * low.V, low.F)

@@ -60,12 +60,6 @@ def test_figures_of_a_damaged_run(here, damage, words):
     check_refusal(run("sshade-eval figures tiny"), words)
 
 
-def test_outputs_of_tables(sound):
-    runs()
-    assert_refused("sshade-eval", "tables tiny -o body.ply", "body.ply: the folder cannot be created")
-    assert_refused("sshade-eval", "tables tiny -o out/rows", "holds the rows")
-
-
 PRINTING = [sys.executable, "-m", "sshade", "--help"]
 
 

@@ -26,37 +26,6 @@ def placed(mesh: Mesh, *entries, **options) -> Handles:
     return read_handles(put(*entries), mesh, **options)
 
 
-def test_handles_by_position_are_snapped_as_positions_are(here, body):
-    foot, hand = body.V[[10, 11]] + 1e-3, body.V[[200, 201, 202]] - 1e-3
-    moved = hand @ rotation(1).T + [1, 0, 0]
-    entries = [
-        {"kind": "static", "source": foot.tolist(), "target": (foot + 1).tolist()},
-        {"kind": "dynamic", "source": hand.tolist(), "target": moved.tolist(), "weight": 3},
-    ]
-    handles = placed(body, *entries)
-    still = Handles.from_positions(body, foot, foot, dynamic=False)
-    parts = [still, Handles.from_positions(body, hand, moved)]
-    for name in ("index", "target", "dynamic"):
-        expected = np.concatenate([getattr(part, name) for part in parts])
-        assert np.array_equal(getattr(handles, name), expected)
-    distances = np.concatenate([part.snapping.distance for part in parts])
-    assert np.array_equal(handles.snapping.distance, distances)
-    assert handles.weight.tolist() == [np.inf, np.inf, 3, 3, 3]
-    assert handles.group.tolist() == [0, 0, 1, 1, 1]
-    raw = placed(body, *entries, raw=True)
-    assert np.allclose(raw.target, np.concatenate([foot + 1, moved]), rtol=0, atol=1e-15)
-
-
-def test_a_region_is_all_vertices_in_its_boxes(here, body):
-    V = body.V
-    low, high = V.min(axis=0), V.max(axis=0)
-    boxes = [[low.tolist(), [*high[:2], low[2] + 0.5]], [[high[0] - 0.2, *low[1:]], high.tolist()]]
-    inside = (V[:, 2] <= low[2] + 0.5) | (V[:, 0] >= high[0] - 0.2)
-    handles = placed(body, {"kind": "static", "boxes": boxes, "translation": [1, 2, 3]}, raw=True)
-    assert np.array_equal(handles.index, np.flatnonzero(inside)) and not handles.dynamic.any()
-    assert np.array_equal(handles.target, V[inside] + [1, 2, 3])
-
-
 def test_groups_of_every_kind_move_rigidly_and_a_missing_part_is_the_identity(here, body):
     R, t, some, V = rotation(4), [1.0, 2.0, 3.0], [5, 6, 7, 6], body.V
     turn = {"rotation": R.tolist(), "kind": "dynamic"}
