@@ -15,7 +15,7 @@ from sshade.files.task_files import write_handles
 from sshade.problem.options import GROUPS, accepted
 from tests.shapes import beside, bumpy, moved_parts, rotation, shifted
 
-ENERGY = {"volume": 1.0, "area": 0.5, "stiffness": 0.5, "strain": 0.1, "strain_limit": 0.02}
+ENERGY = {"volume": 1.0, "area": 0.5, "stiffness": 0.2, "strain": 0.1, "strain_limit": 0.02}
 ENERGY |= {"attachment": 3.0, "bending": 0.1, "thickness": 1.0, "joints": 0.0}
 POLISH = {"detail": 0.9, "proxy_attachment": 2.0, "proxy_bending": 0.1, "proxy_stiffness": 0.5}
 #: Options that are given together, with other values than the defaults, and the method that gets them.

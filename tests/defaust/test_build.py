@@ -27,6 +27,7 @@ from tests.shapes import beside, shifted
 
 #: Command that builds a small dataset whose files and record hold sums of products.
 NOISY = [sys.executable, "-m", "defaust", "build", "source=noisy", "subjects=[6]", "target_vertices=null"]
+NOISY += ["workers=1"]
 
 
 @pytest.fixture(scope="module")

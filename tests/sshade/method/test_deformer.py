@@ -108,7 +108,7 @@ def bound_and_task(name: str, **options):
 
 
 #: Another value than the default of `fast` for each option of the energy.
-OTHER_ENERGY = {"volume": 0.01, "volume_goal": 1.2, "stiffness": 0.5, "strain": 0.1, "strain_limit": 0.02}
+OTHER_ENERGY = {"volume": 0.01, "volume_goal": 1.2, "stiffness": 0.2, "strain": 0.1, "strain_limit": 0.02}
 OTHER_ENERGY |= {"area": 0.0, "attachment": 3.0, "bending": 0.1, "thickness": 1.0, "joints": 0.2}
 
 
