@@ -45,7 +45,8 @@ def _near(word: str, other: str, *, digest: bool, counts: bool) -> bool:
         return gap <= (COUNTS * size if size > FEW else 0)
     if word.lstrip("+-").isdigit() and other.lstrip("+-").isdigit():
         return a == b
-    unit = 1.01 * 10.0 ** -len(word.partition(".")[2]) if "e" not in word else 0.0
+    digits = max(len(number.partition(".")[2]) for number in (word, other))
+    unit = 1.01 * 10.0**-digits if "e" not in word + other else 0.0
     return (
         gap <= max(unit, RELATIVE * size)
         or size < ZERO
