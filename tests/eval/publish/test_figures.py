@@ -4,6 +4,7 @@ import re
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 from eval_cases import bumpy_task
 
@@ -40,6 +41,10 @@ def test_a_method_without_a_result_has_its_reason_in_its_place(experiment):
     (case,) = read_cases(experiment, names=["bumpy_10"], methods=methods)
     (reason,) = {row["reason"] for row in map(read_row, run_folders(experiment.runs / "failing"))}
     assert reason.endswith(case.results["failing"]) and not re.match(r"\w+Error: ", case.results["failing"])
+    again = experiment.rows.assign(status="failed", date="2999-01-01")  # after runs with a result
+    repeated = experiment._replace(rows=pd.concat([experiment.rows, again]))
+    (later,) = read_cases(repeated, names=["bumpy_10"], methods=methods)
+    np.testing.assert_array_equal(later.results["stretching"], case.results["stretching"])
 
 
 def test_colours_mean_the_same_in_all_rows_of_a_picture():
