@@ -102,6 +102,11 @@ def baselines() -> Values:
     yield "moved by a hair", moved(replace(task, truth=mesh.V), 3)
 
 
+@scene
+def memory_of_a_graph() -> Values:
+    yield "deformation_graph", deformation_graph(patches(bumpy(5), 40), nodes=2000, max_iterations=1)
+
+
 @outcomes
 def tasks() -> Values:
     build(Balls(subjects=(0, 1)), Path("balls"), options=OPTIONS, workers=1)
