@@ -18,10 +18,10 @@ SPHERE = icosphere(2)
 PRIMITIVE = "meshes.0.primitives.0"
 HALF = 0.5 * np.sqrt(2.0)
 #: A node turned by 90 degrees about x, scaled and moved, as an exporter changes axes.
-NODE = {"mesh": 0, "rotation": [HALF, 0, 0, HALF], "scale": [2, 2, 2], "translation": [0, 1, 0]}
+NODE = {"mesh": 0, "rotation": [HALF, 0, 0, HALF], "scale": [2, 3, 4], "translation": [0, 1, 0]}
 MIRROR = np.diag([-1.0, 2, 1])
 MIRRORED = {"mesh": 0, "matrix": [-1, 0, 0, 0, 0, 2, 0, 0, 0, 0, 1, 0, 3, 0, 0, 1]}
-PLACE = np.array([[2.0, 0, 0], [0, 0, -2], [0, 2, 0]])
+PLACE = np.array([[2.0, 0, 0], [0, 0, -4], [0, 3, 0]])
 
 
 def exported(*, node=NODE, **changes) -> tuple[dict, bytes]:
