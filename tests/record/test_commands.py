@@ -12,8 +12,8 @@ from tests.record import inputs
 from tests.record.compared import differences
 from tests.record.transcript import COMMAND, PAGES, played, recorded, transcripts
 
-#: Transcripts that take long: each command composes a configuration, or begins a build.
-SLOW = {"evaluator_refusals", "dataset_refusals", "datasets"}
+#: Transcripts that take long: each command composes a configuration, or begins a build or a run.
+SLOW = {"evaluator_refusals", "evaluator_settings", "dataset_refusals", "datasets", "work_of_runs"}
 #: What may stand beside the sentence of a refusal: notes, stages before it, and the recipe of a build that a
 #: rerun completes, or the row of a program that failed.
 BESIDE = re.compile(r"err: (note|warm-up): |\S+/\.build/recipe\.json: |\S+/row\.json: ")
