@@ -1,4 +1,4 @@
-"""Commands say and write what is recorded; ``python -m tests.record`` records anew what has changed."""
+"""Commands and pages say, show and write what is recorded; ``python -m tests.record`` records anew."""
 
 import re
 import shlex
@@ -10,7 +10,7 @@ import pytest
 from tests.full import few
 from tests.record import inputs
 from tests.record.compared import differences
-from tests.record.transcript import COMMAND, PAGES, played, recorded, transcripts
+from tests.record.transcript import COMMAND, played, recorded, transcripts
 
 #: Transcripts that take long: each command composes a configuration, or begins a build or a run.
 SLOW = {"evaluator_refusals", "evaluator_settings", "dataset_refusals", "datasets", "work_of_runs"}
@@ -19,11 +19,7 @@ SLOW = {"evaluator_refusals", "evaluator_settings", "dataset_refusals", "dataset
 BESIDE = re.compile(r"err: (note|warm-up): |\S+/\.build/recipe\.json: |\S+/row\.json: ")
 
 
-#: Those of pages are in test_pages.py, for another process.
-OTHERS = [name for name in transcripts() if not name.startswith(PAGES)]
-
-
-@pytest.mark.parametrize("name", few(OTHERS, *(name for name in OTHERS if name not in SLOW)))
+@pytest.mark.parametrize("name", few(transcripts(), *(name for name in transcripts() if name not in SLOW)))
 def test_commands_say_and_write_what_is_recorded(name, here):
     lines = recorded(name)
     assert not (found := differences(played(lines), lines)), "\n".join(found)

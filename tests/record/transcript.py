@@ -28,8 +28,6 @@ from tests.robustness.case import run
 HERE = Path(__file__).parent / "commands"
 INPUT, FILE, COMMAND, PYTHON, PAGE, WORK = "Files: ", "> ", "$ ", ">>> ", "@ ", "% "
 OPEN = "open "
-#: Begins the names of transcripts of pages.
-PAGES = "page_"
 #: Names of recovery files, which vary, and files that are not recorded.
 RECOVERY = re.compile(r"\.recovery-[0-9a-f]{6}\b")
 UNTOLD = re.compile(r"\.recovery-\w+\.npz$|multirun\.yaml$")
@@ -70,12 +68,9 @@ def _effects(begin: str, text: str, known: dict[str, Any]) -> list[str]:
         Path(name).parent.mkdir(parents=True, exist_ok=True)
         Path(name).write_bytes(content.encode("latin-1").decode("unicode_escape").encode("latin-1"))
         return []
-    before = contents()
     if begin == WORK:
-        with on_one_cpu(), counted() as calls:
-            code, _, err = run(text)
-        assert not code, err
-        return [line for line in counts(calls) if not line.startswith("1 ")]
+        return _worked(text)
+    before = contents()
     effects = {COMMAND: _said, PYTHON: _given, PAGE: _played}
     lines = list(effects[begin](text, known))
     after = contents()
@@ -87,6 +82,14 @@ def _effects(begin: str, text: str, known: dict[str, Any]) -> list[str]:
         elif before.get(name) != after[name]:
             lines += [f"{steady(name)}: {line}" for line in file_lines(Path(name))]
     return [line.rstrip() for line in lines]
+
+
+def _worked(command: str) -> list[str]:
+    """Return the functions that a command calls more than once."""
+    with on_one_cpu(), counted() as calls:
+        code, _, err = run(command)
+    assert not code, err
+    return [line for line in counts(calls) if not line.startswith("1 ")]
 
 
 def _said(command: str, _: dict[str, Any]) -> Iterator[str]:

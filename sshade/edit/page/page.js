@@ -16,6 +16,7 @@ const HINTS = {
 const FRONT = "Tick “also hidden vertices” to pick through.";
 const PICKING = "Shift adds, Ctrl removes, the right button turns the view.";
 const stage = byId("stage");
+const hasEnded = () => document.body.classList.contains("ended");
 
 let facts = null; // latest facts from the session
 const arrays = {}; // latest arrays from the session
@@ -88,7 +89,7 @@ function unpack(buffer) {
 }
 
 function complain(error) {
-  if (error.superseded || document.body.classList.contains("ended")) return null;
+  if (error.superseded || hasEnded()) return null;
   busy(false);
   if (facts) panel.show(facts, active, true);
   say(`${error.message}${/[.?!]$/.test(error.message) ? "" : "."}`); // not capitalised: it may be the name of a file
@@ -336,7 +337,7 @@ const KEYS = {
 };
 window.addEventListener("keydown", (event) => {
   const key = event.key.toLowerCase(), control = event.ctrlKey || event.metaKey;
-  if (document.body.classList.contains("ended")) return;
+  if (hasEnded()) return;
   if (control && key === "s") {
     event.preventDefault();
     saving = store("mesh", "handles");
@@ -369,7 +370,7 @@ async function watch() {
     byId("busy").firstElementChild.textContent = `${(await answer.json()) || "computing"} ...`;
     await new Promise((next) => setTimeout(next, 500));
   }
-  if (document.body.classList.contains("ended")) return;
+  if (hasEnded()) return;
   ended("The editor has ended. Start sshade edit again; it offers work that was not saved.");
 }
 

@@ -153,12 +153,12 @@ def test_faces_without_a_common_corner_against_linear_programs(size):
     """On a grid this small, most pairs of faces touch, lie in one plane, or include a face without area."""
     rng = np.random.default_rng(size)
     flat = 0
-    for V in rng.integers(0, size, (150, 6, 3)):
+    for V in rng.integers(0, size, (350, 6, 3)):
         one, two = V[:3], V[3:]
         points = any((face == face[0]).all() for face in (one, two))
         assert meet(V) == (not points and triangles_meet(one, two)), V.tolist()
         flat += not np.cross(V[1] - V[0], V[2] - V[0]).any()
-    assert flat > 0
+    assert flat > 2
 
 
 def test_a_collapsed_face_through_a_wall_counts_although_it_has_no_plane():

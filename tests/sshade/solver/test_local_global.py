@@ -64,7 +64,7 @@ def test_acceleration_reaches_the_same_minimum_in_fewer_steps(task, extra):
     # With exact volume and area, the bar has two minima. Begin where the nearest minimum is clear.
     begin = local_global(task, accelerate=False, tolerance=0, max_iterations=30, **extra).vertices
     near = replace(task, guess=begin)
-    options = {"tolerance": 1e-7, "max_iterations": 20_000, **extra}
+    options = {"tolerance": 1e-8, "max_iterations": 20_000, **extra}
     fast, plain = (local_global(near, accelerate=accelerate, **options) for accelerate in (True, False))
     assert fast.converged and plain.converged
     assert fast.extra["energy"] == pytest.approx(plain.extra["energy"], rel=1e-6)
