@@ -19,6 +19,8 @@
 
 PYTHON ?= python3
 PYTHONS ?= $(PYTHON)
+# Tests at once: one for each CPU, and one more, because some of them wait.
+WORKERS ?= $(shell $(PYTHON) -c 'import os; print(os.cpu_count() + 1)')
 VENV   := .venv
 BIN    := $(VENV)/bin
 READY  := $(VENV)/.installed
@@ -62,7 +64,7 @@ has = $(or $(wildcard $(BIN)/python),$(PYTHON)) -c 'import ctypes, sys; sys.plat
 # With this variable, each of the hundreds of test processes would compile every module again.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: tables test lint unit-tests ci-benchmark bench bench-paper robustness ablations transfers gallery update verify docs release clean
+.PHONY: tables test lint unit-tests golden-values ci-benchmark bench bench-paper robustness ablations transfers gallery update verify docs release clean
 .PHONY: quick-figures quick-report system
 
 tables: $(READY) $(QUICK)/dataset.json
@@ -81,8 +83,8 @@ quick-report:
 # Times are measured at the end, when nothing else runs.
 test: $(READY)
 	$(BIN)/python -m tools.compile_kernels
-	$(MAKE) --no-print-directory -j2 lint unit-tests
-	$(MAKE) --no-print-directory ci-benchmark
+	$(MAKE) --no-print-directory -j2 unit-tests lint golden-values
+	$(BIN)/sshade-eval check --only times
 
 lint: $(READY)
 	$(BIN)/ruff check .
@@ -91,7 +93,10 @@ lint: $(READY)
 	$(BIN)/mypy
 
 unit-tests: $(READY)
-	$(BIN)/python -m pytest -n 3 --dist worksteal
+	$(BIN)/python -m pytest -n $(WORKERS) --dist worksteal
+
+golden-values: $(READY)
+	$(BIN)/sshade-eval check --only values
 
 ci-benchmark: $(READY)
 	$(BIN)/sshade-eval check
@@ -158,7 +163,7 @@ gallery: $(READY)
 # written. `check` refuses changed values where no version has risen.
 update: $(READY) $(QUICK)/dataset.json data/defaust/dataset.json data/noisy_25k_2mm/dataset.json
 	rm -rf out/kernels
-	-SSHADE_KERNELS=$(CURDIR)/out/kernels $(BIN)/python -m pytest -n 3 --dist worksteal --timeout=600
+	-SSHADE_KERNELS=$(CURDIR)/out/kernels $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal --timeout=600
 	$(BIN)/python -m tools.compile_kernels --update --into out/kernels
 	$(BIN)/sshade-eval check --write
 	$(BIN)/python -m tests.record

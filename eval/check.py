@@ -259,6 +259,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--write", action="store_true", help=text)
     text = "also time a body of 170,000 vertices"
     parser.add_argument("--full", action="store_true", help=text)
+    text = "the part to compare (default: both); values alone need no quiet machine"
+    parser.add_argument("--only", choices=["values", "times"], help=text)
 
 
 def command(options: argparse.Namespace) -> int:
@@ -269,14 +271,16 @@ def command(options: argparse.Namespace) -> int:
         raise InputError(f"there is no method {unknown[0]!r} to check; conf/method has the methods")
     methods = options.methods or known
     timed = [one for one in golden.timed if one.method.split()[0] in methods and one.full <= options.full]
+    timed = timed if options.only != "values" else []
+    compared = methods if options.only != "times" else []
     tasks = [case.task for case in golden.cases] + [one.task for one in (golden.clock, *timed)]
     make_datasets(golden.rules["datasets"], tasks)
     labels = [f"time of {name}" for one in timed for name in one.names]
-    width = max(map(len, [*methods, *labels]))
+    width = max(map(len, [*compared, *labels]), default=0)
     results, wrong = [], []
     with progress_bar() as progress:
-        for done, method in enumerate(methods):
-            progress("methods", done, len(methods), method)
+        for done, method in enumerate(compared):
+            progress("methods", done, len(compared), method)
             found = run_method(method, golden)
             passes, line = report(found, golden)
             print(f"{method:<{width}}  {line}", flush=True)  # noqa: T201

@@ -1,20 +1,25 @@
 """Deformations: methods, options, handles and surfaces of all kinds."""
 
 import sys
+from contextlib import ExitStack
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 from unittest import mock
 
 import numpy as np
 import trimesh
+from scipy.spatial import cKDTree
 
 import sshade
 from baselines.arap import arap as arap
-from sshade import DeformationResult, DeformationTask, Handles, Mesh, deform
+from sshade import DeformationResult, DeformationTask, Deformer, Handles, Mesh, deform
+from sshade.cli.main import main
 from sshade.core import threads
 from sshade.core.threads import ThreadTeam
 from sshade.files.meshes import read_mesh, write_mesh
+from sshade.files.task_files import write_handles
 from sshade.mesh.adjacency import vertex_graph
 from sshade.problem.options import Options as Options
 from sshade.problem.options import Stop as Stop
@@ -39,6 +44,12 @@ SPLIT = trimesh.Trimesh(*torn(SMALL)[:2], process=False)
 SOUP = trimesh.Trimesh(unjoined(SMALL).V, unjoined(SMALL).F, process=False)
 TOUCHING = beside(SMALL, shifted(SMALL, SMALL.V[B[-1]] - SMALL.V[B[0]]))
 NEARER = beside(SMALL, Mesh(SMALL.V[[10, 50, 90]], [[0, 1, 2]]))
+
+#: Sizes from which on threads share work.
+SHARES = "core.threads.CHUNK", "core.threads.ROWS", "method.piece.LARGE", "solver.laplacian.HALF"
+
+#: Sizes from which on threads share work.
+SHARED_FROM = "core.threads.CHUNK", "core.threads.ROWS", "method.piece.LARGE", "solver.laplacian.HALF"
 
 
 def halfway(task: DeformationTask, seed: int = 0, **_: Any) -> DeformationResult:
@@ -183,22 +194,50 @@ def memory_of_fine() -> Values:
 @outcomes
 def teams() -> Values:
     """The threads that share the work of each function on a machine with three CPUs."""
-    found, begin = set(), ThreadTeam.__init__
+    found, share = set[str](), ThreadTeam.__call__
 
-    def noted(self: ThreadTeam, workers: int) -> None:
-        at = sys._getframe(1)
+    def note(workers: int) -> None:
+        at = sys._getframe(2)
         while at.f_code.co_filename == threads.__file__:
             at = at.f_back
         found.add(f"{at.f_globals['__name__']}.{at.f_code.co_qualname} {workers}")
-        begin(self, workers)
+
+    def noted(self: ThreadTeam, chunk: Any, count: int) -> list[Any]:
+        note(min(self.workers, count))
+        return share(self, chunk, count)
+
+    class Tree(cKDTree):
+        def query(self, *points: Any, workers: int = 1, **more: Any) -> Any:
+            note(workers)
+            return super().query(*points, workers=workers, **more)
 
     task = patches(bumpy(5), 40)
+    write_mesh("large.ply", task.mesh.V, task.mesh.F)
+    write_handles("handles.json", task.handles)
+    half = np.arange(0, task.mesh.n, 2)
+    bind = partial(Deformer, task.mesh, task.handles.index, vertices=1500)
+    calls = {
+        method: partial(
+            deform, replace(task, mesh=read_mesh("large.ply")), vertices=1500, max_iterations=2, method=method
+        )
+        for method in ("fast", "paper", "fine")
+    } | {
+        "command": partial(
+            main, ["deform", "large.ply", "handles.json", "-o", "out.ply", "--with", "large.ply"]
+        ),
+        "drag": lambda: bind().step(task.handles.target),
+        "interpolate": partial(deform, task.mesh, half, bent(task.mesh.V, 0.5)[half], method="interpolate"),
+    }
     with (
         mock.patch("os.sched_getaffinity", lambda _: set(range(3)), create=True),
-        mock.patch.object(ThreadTeam, "__init__", noted),
-        mock.patch("sshade.core.threads.CHUNK", 5000),
+        mock.patch.object(ThreadTeam, "__call__", noted),
+        ExitStack() as stack,
     ):
-        write_mesh("large.ply", task.mesh.V, task.mesh.F)
-        for method in ("fast", "paper", "fine"):
-            deform(replace(task, mesh=read_mesh("large.ply")), vertices=1500, max_iterations=2, method=method)
-    yield from dict.fromkeys(sorted(found), True).items()
+        for name in SHARED_FROM:
+            stack.enter_context(mock.patch(f"sshade.{name}", 500))
+        for name in ("interpolation.splines", "mesh.quality", "proxy.along"):
+            stack.enter_context(mock.patch(f"sshade.{name}.cKDTree", Tree))
+        for label, call in calls.items():
+            found.clear()
+            call()
+            yield label, sorted(found)
