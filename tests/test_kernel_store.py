@@ -87,6 +87,21 @@ def test_a_damaged_file_is_compiled_and_written_again(folder, damage):
     assert last(1.0) == 2.0 and last.stats.cache_hits
 
 
+@pytest.mark.parametrize("name", ["numba.__version__", "sys.implementation.cache_tag"])
+def test_code_of_another_numba_or_python_is_compiled_again(folder, monkeypatch, name):
+    found, _ = store_of_one(folder)
+    monkeypatch.setattr(name, "other")
+    again = kernel(found.py_func)
+    assert again(1.0) == 2.0 and not again.stats.cache_hits and len([*(folder / "store").iterdir()]) == 2
+
+
+def test_kernels_are_kept_in_the_first_folder_that_can_be_written_and_found_there(folder, monkeypatch):
+    monkeypatch.setattr(kernel_store, "folders", lambda: [folder / "ours.py", folder / "store"])
+    found, _ = store_of_one(folder)
+    again = kernel(found.py_func)
+    assert again(1.0) == 2.0 and again.stats.cache_hits
+
+
 @pytest.mark.parametrize("code", [errno.ENOSPC, errno.EROFS])
 def test_a_store_that_cannot_be_written_costs_a_warning(folder, monkeypatch, code):
     def fails(path, content):

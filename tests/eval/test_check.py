@@ -1,6 +1,7 @@
 """Golden values: what differs, is slow or sleeps fails, and new values need a higher version."""
 
 from math import inf
+from unittest.mock import patch
 
 import pytest
 import yaml
@@ -82,6 +83,12 @@ def change(path, **entry):
 
 def bend(path, **values):
     return {"bend": yaml.safe_load(path.read_text())["values"]["arap"]["bend"] | values}
+
+
+def test_the_task_of_a_case_is_loaded_once():
+    case = GoldenFile(GOLDEN).cases[0]
+    with patch("eval.check.task_of", side_effect=lambda *_, **__: object()):
+        assert case.loaded is case.loaded
 
 
 def test_a_changed_value_fails_until_a_version_rises(golden, capsys):

@@ -5,6 +5,7 @@ import shutil
 import subprocess
 import sys
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from time import sleep
 
@@ -17,8 +18,8 @@ import eval.run.run as run_module
 from eval.metrics import METRICS, measure
 from eval.rows.collect import collect
 from eval.rows.frame import read_csv, records, write_csv
-from eval.rows.store import read_row, run_folders
-from eval.run import config, environment
+from eval.rows.store import read_row, require_vertices, run_folders
+from eval.run import config, environment, targets
 from eval.run.attempt import TIME_LIMIT, attempt_task
 from sshade import DeformationResult, DeformationTask, Handles, InputError, Mesh, TransferTask
 from sshade.core.progress import silent
@@ -41,7 +42,8 @@ def test_a_row_holds_everything(task, tmp_path):
     outcome = run(task, noted, name="arap", root=tmp_path, seed=4, source=source)
     row = read_row(outcome.folder)
     assert row == outcome.row and not outcome.found and not outcome.failed
-    assert np.load(outcome.folder / "vertices.npy").dtype == np.float32
+    stored = require_vertices(outcome.folder, n=task.mesh.n)
+    assert stored.dtype == np.float32 and isinstance(stored, np.memmap)  # it is read when it is used
     assert row["method.note"] == "after the paper"
     assert not any(column.startswith("method.warm_up") for column in row)
     given = {name for name, metric in METRICS.items() if "truth" not in metric.needs}
@@ -163,6 +165,30 @@ def test_the_key_follows_configuration_versions_task_and_seed(task, tmp_path, mo
     assert key() not in keys
 
 
+def arrays(thing) -> list[np.ndarray]:
+    """Return the arrays of a task, of its meshes, and of its handles."""
+    if isinstance(thing, np.ndarray):
+        return [thing]
+    own = vars(thing).values() if isinstance(thing, (DeformationTask, TransferTask, Mesh, Handles)) else ()
+    return [array for value in own for array in arrays(value)]
+
+
+def test_a_method_gets_arrays_of_its_own_and_what_is_measured_has_the_mesh_of_the_run(task):
+    V = task.mesh.V
+    for given in (replace(task, guess=V + 1.0), TransferTask("t", task.mesh, bumpy(2), V + 1.0)):
+        copied = run_module.given(given)
+        assert len(arrays(copied)) >= 5
+        assert not any(np.shares_memory(*pair) for pair in product(arrays(given), arrays(copied)))
+    known = config.with_truth(task, {"_target_": "test_eval_run.known_task", "level": 2})
+    assert known.mesh is task.mesh and known.truth is not None
+
+
+def test_what_cannot_change_a_result_is_no_setting_at_any_depth():
+    inner = {"_target_": "f", "size": 1}
+    noted = inner | {"note": "n", "version": 2, "warm_up": {}, "_partial_": True}
+    assert targets.settings({"_target_": "g", "inner": noted}) == {"_target_": "g", "inner": inner}
+
+
 def test_a_fresh_process_gives_the_same_result_and_a_peak_of_memory(task, tmp_path):
     here = run(task, ARAP, name="a", root=tmp_path)
     ballast = np.ones(40_000_000)  # 305 MiB that must not count for the child process
@@ -179,7 +205,8 @@ def test_a_time_limit_ends_a_run_and_is_not_tried_again(task, tmp_path):
     first = run(task, method, name="e", root=tmp_path, time_limit=0.2)
     assert first.failed and first.row["status"] == "timeout"
     assert first.row["reason"] == "no result within 0.2 s"
-    assert run(task, method, name="e", root=tmp_path, time_limit=0.1).found
+    for limit in (0.1, 0.2):
+        assert run(task, method, name="e", root=tmp_path, time_limit=limit).found
     assert not run(task, method, name="e", root=tmp_path, time_limit=0.3).found
 
 

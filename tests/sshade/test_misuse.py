@@ -32,6 +32,20 @@ def test_meshes_and_handles_stay_read_only_in_views_and_copies():
             assert arrays and not any(array.flags.writeable for array in arrays)
 
 
+class Mapped(np.ndarray):
+    """Arrays of another kind, as np.memmap is."""
+
+
+def test_arrays_that_are_given_stay_the_callers_and_what_is_made_stays_as_it_was():
+    V, F = BODY.V.copy().view(Mapped), BODY.F.copy().view(Mapped)
+    index, target, R = HELD.copy(), TARGETS.copy(), np.tile(np.eye(3), (4, 1, 1))
+    made = [Mesh(V, F), Handles(index, target), Handles(HELD, TARGETS).at(target, R)]
+    kept = pickle.dumps(made)
+    for array in (V, F, index, target, R):
+        array[:] = 0
+    assert pickle.dumps(made) == kept
+
+
 def test_a_result_of_a_sequence_may_be_changed():
     poses = [BODY.V[HELD] + share * (TARGETS - BODY.V[HELD]) for share in (0.1, 0.15)]
     changed = []

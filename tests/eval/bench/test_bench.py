@@ -3,6 +3,7 @@
 from itertools import count, repeat
 from pathlib import Path
 from time import sleep
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -150,6 +151,14 @@ def test_the_share_of_others(busy, own, share):
     """The system counts whole ticks, so it may count less than the process."""
     before, after = Reading(100.0, 50.0, 40.0), Reading(110.0, 50 + busy, 40 + own)
     assert used_by_others(before, after, cores=2) == pytest.approx(share)
+
+
+def test_the_time_of_children_and_of_their_children_is_our_own(monkeypatch):
+    child, grandchild = (SimpleNamespace(cpu_times=lambda own=own: [own, 0, 0, 0]) for own in (1e3, 1e6))
+    found = {True: [child, grandchild], False: [child]}
+    process = SimpleNamespace(children=lambda recursive=False: found[recursive])
+    monkeypatch.setattr(turns.psutil, "Process", lambda: process)
+    assert turns.read_machine().own > 1e6 + 1e3
 
 
 RESULTS = Path(__file__).parents[3] / "results"

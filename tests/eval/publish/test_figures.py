@@ -9,15 +9,16 @@ import pytest
 from eval_cases import bumpy_task
 
 from eval.main import call
-from eval.publish import figures, panels
+from eval.publish import figures, panels, report
 from eval.publish.figures import of_one_error, read_cases
 from eval.publish.panels import Camera, Case, error_of, row_of
+from eval.publish.report import scales_of
 from eval.rows.collect import Experiment
 from eval.rows.frame import read_csv, records
 from eval.rows.store import read_row, run_folders
 from sshade import DeformationTask, Mesh, TransferTask
 from sshade.plotting.pictures import edge_error
-from tests.shapes import bumpy
+from tests.shapes import bent, bumpy
 
 
 @pytest.fixture
@@ -54,6 +55,13 @@ def test_colours_mean_the_same_in_all_rows_of_a_picture():
     assert of_one_error(same) is same
     for cases in (of_one_error(mixed), of_one_error(same, "edge")):
         assert [case.task.truth for case in cases] == [None, None]
+
+
+def test_the_scale_of_a_report_keeps_one_number_of_each_shape(monkeypatch):
+    rest = bumpy_task(level=1)
+    case = Case(rest, {"a": 1.1 * rest.mesh.V, "b": bent(rest.mesh.V)}, {})
+    monkeypatch.setattr(report, "colour_range", lambda own: [np.size(values) for values in own])
+    assert list(scales_of([case, case]).values()) == [[1, 1, 1, 1]]
 
 
 def test_the_picture_of_an_experiment_is_that_of_the_configuration(tiny, tmp_path, monkeypatch):

@@ -7,6 +7,7 @@ from eval_rows import lost, missing, row, table_of
 from eval.metrics import METRICS
 from eval.publish.columns import COLUMNS, REACHED, SUCCESS, TRANSFER_COLUMNS
 from eval.publish.tables import to_markdown
+from eval.rows.store import TRUE_POSE
 from sshade import InputError
 
 
@@ -68,9 +69,12 @@ def test_means_ranks_and_worst_cases_are_over_the_cases_that_all_have():
 def test_a_result_without_a_measure_has_no_mean_of_the_others():
     rows = [*on("a", [2.0, 2.0, 2.0, 2.0, 50.0]), *on("b", [3.0] * 5)]
     rows[-1]["metric.volume"] = None  # of the worst case of a
-    table = table_of(*rows)
+    true = on(TRUE_POSE, [1.0] * 5)
+    true[2]["metric.volume"] = None
+    table = table_of(*rows, *true)
+    assert np.isnan(table.means.loc[TRUE_POSE, "volume"]) and table.means.loc[TRUE_POSE, "area"] == 2
     assert table.means.loc["a", "volume"] == 11.6 and np.isnan(table.means.loc["b", "volume"])
-    assert table.places["volume"].to_dict() == {"a": 1.0, "b": pytest.approx(np.nan, nan_ok=True)}
+    assert table.places["volume"].dropna().to_dict() == {"a": 1.0}
     assert np.isnan(table.parts[0].means.at["b", "volume"])  # of the worst case
     assert "| a | 5 | 11.60 | 2.00 |" in (text := to_markdown(table)) and "| b | 5 | n/a | 2.00 |" in text
 

@@ -28,7 +28,10 @@ def test_a_file_that_lost_its_end_is_noticed_wherever_it_was_cut(cut, tmp_path):
 @pytest.mark.parametrize("label", ["5.0", "1e3", "true", "nan", "007", "a|b"])
 def test_a_label_that_looks_like_a_number_is_a_name(label, tmp_path):
     write_csv(tmp_path / "r.csv", frame(row(label), row("arap")))
+    written = (tmp_path / "r.csv").read_bytes()
+    (tmp_path / "r.csv").write_bytes(b"\xef\xbb\xbf" + written)  # as a spreadsheet does
     rows = read_csv(tmp_path / "r.csv")
+    assert [*rows] == [*frame(row(label))]
     assert set(rows["method.name"]) == {label, "arap"}
     write_row(tmp_path, row(label))
     assert read_row(tmp_path)["method.name"] == label

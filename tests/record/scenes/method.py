@@ -196,11 +196,11 @@ def teams() -> Values:
     """The threads that share the work of each function on a machine with three CPUs."""
     found, share = set[str](), ThreadTeam.__call__
 
-    def note(workers: int) -> None:
+    def note(workers: int, of: str = "") -> None:
         at = sys._getframe(2)
         while at.f_code.co_filename == threads.__file__:
             at = at.f_back
-        found.add(f"{at.f_globals['__name__']}.{at.f_code.co_qualname} {workers}")
+        found.add(f"{at.f_globals['__name__']}.{at.f_code.co_qualname}{of} {workers}")
 
     def noted(self: ThreadTeam, chunk: Any, count: int) -> list[Any]:
         note(min(self.workers, count))
@@ -208,7 +208,7 @@ def teams() -> Values:
 
     class Tree(cKDTree):
         def query(self, *points: Any, workers: int = 1, **more: Any) -> Any:
-            note(workers)
+            note(workers, " by a tree")
             return super().query(*points, workers=workers, **more)
 
     task = patches(bumpy(5), 40)

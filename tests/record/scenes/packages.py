@@ -84,6 +84,8 @@ def baselines() -> Values:
         ),
     }.items():
         yield name, method(of, seed=0)
+    with mock.patch("baselines.arap_sr.arap_sr.RISE", 0.999):  # so that the acceleration begins anew
+        yield "restarts", arap_sr(patches(mesh, 8, turn=3.0), accelerate=True, max_iterations=15)
     edited = TransferTask("t", Mesh(1.1 * mesh.V, mesh.F), mesh, bent(mesh.V))
     yield "vertex_frames", transfer(edited)
     yield "transfer_with", transfer_with(edited, frames="affine", residual=True, vertices=60, samplings=2)
