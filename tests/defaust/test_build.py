@@ -13,7 +13,7 @@ import psutil
 import pytest
 
 from defaust.build import workers as module
-from defaust.build.dataset import build
+from defaust.build.dataset import _difference, build
 from defaust.build.lock import sole_builder
 from defaust.build.verify import verify
 from defaust.folder.record import read_dataset
@@ -98,6 +98,7 @@ def test_another_configuration_is_refused(dataset, source, options, message):
     with pytest.raises(InputError, match=message):
         build(source, dataset, options=options, workers=1)
     assert contents(dataset) == before
+    assert _difference({"a": {"b": 1}}, {"a": {}}) == "a.b was 1 and is now None"
     # The same holds for an unfinished build.
     (dataset / ".build").mkdir()
     (dataset / ".build/subject_00.json").write_text(json.dumps(read_dataset(dataset)["subjects"][0]))

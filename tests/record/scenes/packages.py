@@ -56,6 +56,8 @@ def measures() -> Values:
     sheet = strip(12, 4)
     flat = DeformationTask("t", sheet, end_handles(sheet.V, axis=0))
     yield "of a sheet", measure(flat, bent(sheet.V))
+    turned = np.where(np.arange(mesh.m)[:, None] % 9, mesh.F, mesh.F[:, ::-1])
+    yield "of turned faces", measure(DeformationTask("t", Mesh(mesh.V, turned), own), V)
     yield "of a transfer", measure(TransferTask("t", mesh, mesh, mesh.V, truth=bent(mesh.V)), V)
     yield "at rest", measure(TransferTask("t", mesh, mesh, mesh.V), mesh.V)
 
