@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.sparse import diags_array
 from scipy.spatial.transform import Rotation
 
 from baselines.volumetric.coarse_tetrahedra import coarse_tetrahedra
@@ -59,3 +60,27 @@ def test_a_stretched_body_thins_by_poissons_ratio(poisson):
     shear = np.zeros(9)
     shear[[1, 3]] = 0.5
     assert shear @ H @ shear == pytest.approx(1.0)  # the shear modulus
+
+
+class Valley:
+    """An energy whose full Newton steps from far away lead farther away."""
+
+    def __init__(self):
+        self.reached = []
+
+    def energy(self, x):
+        return float(np.sqrt(1 + x**2).sum())
+
+    def gradient(self, x):
+        self.reached.append(self.energy(x))
+        return x / np.sqrt(1 + x**2)
+
+    def hessian(self, x):
+        return diags_array((1 + x.ravel() ** 2) ** -1.5, format="csc")
+
+
+def test_each_newton_step_lowers_the_energy_of_the_iterate_before():
+    valley = Valley()
+    x, moves = newton(valley, np.array([[30.0, -1.4, 0.5]]), tolerance=1e-8, max_iterations=40)
+    assert np.abs(x).max() < 1e-8 > moves[-1]
+    assert np.all(np.diff(valley.reached) < 0) and len(valley.reached) == len(moves) > 4

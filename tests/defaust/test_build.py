@@ -138,7 +138,8 @@ def test_subjects_and_poses_that_cannot_be_used_are_refused_or_left_out_with_the
     for subject in document["subjects"]:
         assert [pose["pose"] for pose in subject["poses"]] == [1]
         assert subject["left_out"][0]["reason"].startswith(still)
-    assert still in (out / "README.md").read_text() and verify(out) == []
+    card = (out / "README.md").read_text()
+    assert still in card and "Left out: subject 1 has none." in card and verify(out) == []
 
 
 class Killed(Balls):
