@@ -14,9 +14,9 @@ from tests.browser import opened
 from tests.full import few
 from tests.shapes import beside, shifted
 from tests.sshade.cli.test_edit import get, running
+from tests.sshade.edit.acting import asked, drag, gizmo, mark, release, where
 from tests.sshade.edit.lent import lent, unpacked
 from tests.sshade.edit.sessions import BODY, added, begun, upright
-from tests.sshade.edit.test_page import asked, drag, gizmo, mark, release, where
 
 #: Window sizes of a laptop and of a telephone, in pixels.
 SIZES = [(1280, 800), (390, 844)]

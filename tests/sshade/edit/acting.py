@@ -1,31 +1,10 @@
-"""The tools of the page in a browser, and actions for other tests; node plays more of them (tests/record)."""
+"""What a user does on the page of the editor in a browser; node plays more of it (tests/record)."""
 
 import re
 
-import igl
 import numpy as np
-import pytest
 
-from sshade.edit.session import Session
-from tests.browser import opened
-from tests.shapes import bumpy
-from tests.sshade.edit.lent import lent, unpacked
-from tests.sshade.edit.sessions import begun, upright
-
-BODY = bumpy(4)
-
-
-@pytest.fixture
-def session(here) -> Session:
-    return begun(upright(BODY))
-
-
-@pytest.fixture
-def page(browser, session):
-    with lent(session) as server, opened(browser, server.address, width=900, height=640) as page:
-        page.wait_for_selector("#stage[data-state=converged]")
-        yield page
-        assert all(url.startswith((server.address, "data:")) for url in page.asked)
+from tests.sshade.edit.lent import unpacked
 
 
 def where(page, V: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -106,61 +85,3 @@ def mark(page, session, shown: np.ndarray) -> None:
         stroke(page, *corners(shown[keep]))
         asked(page, "mark", page.get_by_role("button", name=button, exact=True).click)
     page.wait_for_selector("#groups .moved[aria-pressed=true]")
-
-
-def test_every_tool_picks_what_it_goes_over_and_is_in_sight(page, session):
-    V = session.mesh.V
-    shown = where(page, V, V)
-    # A vertex of a star-shaped body is in sight if its normal points to the camera.
-    towards = np.array([0.5, 0.25, 1]) / np.linalg.norm([0.5, 0.25, 1])
-    normals = igl.per_vertex_normals(V, np.array(session.mesh.F))
-    facing = normals @ towards
-    middle = shown.mean(axis=0)
-    near = np.linalg.norm(shown - middle, axis=1)
-
-    def found() -> np.ndarray:
-        return np.isin(np.arange(len(V)), session.state.selection)
-
-    tool(page, "Click")
-    front = np.flatnonzero(facing > 0.8)
-    wanted = front[np.argmin(near[front])]
-    stroke(page, shown[wanted] + 0.3)
-    assert session.state.selection.tolist() == [wanted]
-
-    tool(page, "Rectangle")
-    radius = 60
-    stroke(page, middle - radius, middle + radius)
-    inside = (np.abs(shown - middle) < radius).all(axis=1)
-    picked = found()
-    assert not picked[~inside].any() and picked[inside & (facing > 0.4)].all()
-    assert not picked[facing < -0.4].any() and picked.sum() > 20
-
-    page.locator("#through").check()
-    stroke(page, middle - radius, middle + radius)
-    picked = found()
-    assert picked.sum() == inside.sum() and np.array_equal(picked, inside)
-
-    tool(page, "Lasso")
-    across, down = np.array([radius, 0]), np.array([0, radius])
-    stroke(page, middle - across, middle - down, middle + across, middle + down, middle - across, steps=20)
-    picked = found()
-    edge = np.abs(shown - middle).sum(axis=1) - radius
-    assert picked[edge < -3].all() and not picked[edge > 3].any() and picked.sum() < inside.sum()
-
-    tool(page, "Brush")
-    page.locator("#radius").fill("20")
-    page.keyboard.down("Shift")
-    before = picked
-    stroke(page, middle - 2 * down, middle + 2 * down, steps=30)
-    page.keyboard.up("Shift")
-    picked = found()
-    stretch = np.clip(shown[:, 1] - middle[1], -2 * radius, 2 * radius)
-    away = np.linalg.norm(shown - middle - np.stack([0 * stretch, stretch], axis=1), axis=1)
-    assert picked[before].all() and picked[away < 19].all() and not picked[(away > 21) & ~before].any()
-
-    page.keyboard.down("Control")
-    stroke(page, middle - 2 * down, middle + 2 * down, steps=30)
-    page.keyboard.up("Control")
-    assert not np.isin(np.flatnonzero(away < 19), session.state.selection).any()
-    page.wait_for_selector(f"#picked:text-is('{len(session.state.selection):,}')")  # a busy page is late
-    assert page.said == []
