@@ -168,7 +168,7 @@ def test_cells_are_exact_and_the_second_half_is_farthest(name, count):
 def test_a_mesh_of_a_third_of_a_million_vertices_is_sampled_from_coarse_to_fine(monkeypatch):
     monkeypatch.setattr(coarse, "sample_coarsely", Mock(side_effect=InterruptedError))
     with pytest.raises(InterruptedError):
-        sample_proxy(strip(600, 550), 10)
+        sample_proxy(strip(600, 550), 5000)
 
 
 def test_crumpled_surfaces_get_a_finer_net(monkeypatch):
