@@ -8,6 +8,7 @@ from dataclasses import replace
 from itertools import product
 from pathlib import Path
 from time import sleep
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,7 +20,7 @@ from eval.metrics import METRICS, measure
 from eval.rows.collect import collect
 from eval.rows.frame import read_csv, records, write_csv
 from eval.rows.store import read_row, require_vertices, run_folders
-from eval.run import config, environment, targets
+from eval.run import config, environment, fresh, targets
 from eval.run.attempt import TIME_LIMIT, attempt_task
 from sshade import DeformationResult, DeformationTask, Handles, InputError, Mesh, TransferTask
 from sshade.core.progress import silent
@@ -183,6 +184,10 @@ def test_a_method_gets_arrays_of_its_own_and_what_is_measured_has_the_mesh_of_th
     assert known.mesh is task.mesh and known.truth is not None
 
 
+def test_the_cpu_time_of_a_process_has_that_of_its_children():
+    assert fresh._cpu_seconds_of(SimpleNamespace(cpu_times=lambda: (1.0, 2.0, 4.0, 8.0, 16.0))) == 15
+
+
 def test_what_cannot_change_a_result_is_no_setting_at_any_depth():
     inner = {"_target_": "f", "size": 1}
     noted = inner | {"note": "n", "version": 2, "warm_up": {}, "_partial_": True}
@@ -267,6 +272,10 @@ def test_the_checksum_of_a_task_covers_all_that_a_method_reads():
     tasks.append(TransferTask("t", rest, rest, 3 * V))
     handles = {"index": [0, 1], "target": V[:2], "group": [0, 1]}
     changes = [{}, {"index": [0, 2]}, {"target": V[1:3]}, {"weight": [1.0, 2.0]}, {"group": [0, 0]}]
-    changes += [{"dynamic": [True, False]}, {"rotation": np.tile(np.eye(3), (2, 1, 1))}]
+    changes += [
+        {"weight": [2.0, 4.0]},
+        {"dynamic": [True, False]},
+        {"rotation": np.tile(np.eye(3), (2, 1, 1))},
+    ]
     tasks += [DeformationTask("t", rest, Handles(**handles | change)) for change in changes]
-    assert len(set(map(environment.task_checksum, tasks))) == len(tasks) == 11
+    assert len(set(map(environment.task_checksum, tasks))) == len(tasks) == 12

@@ -185,6 +185,8 @@ def test_faces_that_intersect_at_rest_do_not_count():
     V = np.array([*V, [1, 1, 8], [1, 1, 9], [1, 2, 9]])
     mesh = Mesh(V, np.arange(9).reshape(3, 3))
     assert intersecting_faces(V, mesh.F).tolist() == [True, True, False]
+    points = np.vstack([np.full((3, 3), 9.0), V]), np.vstack([[[0, 1, 2]], mesh.F + 3])
+    assert intersecting_faces(*points).tolist() == [False, True, True, False]
     task = DeformationTask("t", mesh, Handles(np.array([0, 3, 6]), V[[0, 3, 6]]))
     assert measure(task, V)["self_intersections"] == 0
     lowered = V - np.where(np.arange(9) >= 6, 8.5, 0.0)[:, None] * [0, 0, 1]

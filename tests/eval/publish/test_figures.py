@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from unittest.mock import Mock
 
 import numpy as np
 import pandas as pd
@@ -17,6 +18,7 @@ from eval.rows.collect import Experiment
 from eval.rows.frame import read_csv, records
 from eval.rows.store import read_row, run_folders
 from sshade import DeformationTask, Mesh, TransferTask
+from sshade.core.progress import silent
 from sshade.plotting.pictures import edge_error
 from tests.shapes import bent, bumpy
 
@@ -62,6 +64,19 @@ def test_the_scale_of_a_report_keeps_one_number_of_each_shape(monkeypatch):
     case = Case(rest, {"a": 1.1 * rest.mesh.V, "b": bent(rest.mesh.V)}, {})
     monkeypatch.setattr(report, "colour_range", lambda own: [np.size(values) for values in own])
     assert list(scales_of([case, case]).values()) == [[1, 1, 1, 1]]
+
+
+def test_a_report_loads_one_shape_after_another(experiment, monkeypatch):
+    def first_alone(cases) -> dict[str, float]:
+        next(iter(cases))
+        raise InterruptedError
+
+    load = Mock(wraps=report.stored_case)
+    monkeypatch.setattr(report, "stored_case", load)
+    monkeypatch.setattr(report, "scales_of", first_alone)
+    with pytest.raises(InterruptedError):
+        report.write_page([experiment], cases=[], progress=silent)
+    assert load.call_count == 1
 
 
 def test_the_picture_of_an_experiment_is_that_of_the_configuration(tiny, tmp_path, monkeypatch):

@@ -177,6 +177,9 @@ def editor_of_parts() -> Values:
         said = asked(Commands(session))
         for command, number in (("drag", 2), ("drag", 3), ("release", 3), ("settle", 3), ("drag", 5)):
             yield brief(said(command, group=number, **MOVE))
+        said("restore", group=3)
+        yield "turns", [group.turn for group in session.state.groups]
+        said("undo")
         session.save("handles", "all.json", over=True)
         yield "command", session.document.command
         yield "all", saved("all.json")

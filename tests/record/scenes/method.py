@@ -128,6 +128,10 @@ def dense() -> Values:
     task = DeformationTask("t", BODY, Handles(index, bent(BODY.V)[index]))
     yield from solved(task, method="interpolate")
     yield from solved(task, vertices=400)
+    pair, half = Mesh(9 * TOUCHING.V, TOUCHING.F), np.arange(0, SMALL.n, 2)
+    yield from solved(
+        DeformationTask("t", pair, Handles(half, 9 * bent(SMALL.V)[half])), method="interpolate"
+    )
 
 
 @scene
