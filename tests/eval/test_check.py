@@ -111,6 +111,15 @@ def test_a_changed_value_fails_until_a_version_rises(golden, capsys):
     assert call("check", ["arap"]) == 0
 
 
+@pytest.mark.parametrize(
+    ("part", "code", "lines"), [("values", 0, ["arap  agrees"]), ("times", 1, ["time of tube"])]
+)
+def test_one_part_is_compared_alone(golden, paces, capsys, part, code, lines):
+    paces.found = Pace(2.5, 0.0)
+    assert call("check", ["--only", part, "arap"]) == code and hasattr(paces, "asked") == code
+    assert [line.partition("  is ")[0] for line in capsys.readouterr().out.splitlines()] == lines
+
+
 def test_a_slow_method_fails_and_its_new_time_can_be_written(golden, paces, capsys):
     paces.found = Pace(2.5, 0.0)
     assert call("check", ["arap"]) == 1 and paces.asked == {"tube": False}
