@@ -180,6 +180,9 @@ def cut() -> Values:
         task = DeformationTask("t", mesh, end_handles(mesh.V, axis=axis, shift=0.2 * np.ptp(mesh.V, axis=0)))
         yield from solved(task, vertices=100)
         yield from solved(task, vertices=100, method="fine", polish_iterations=5)
+    # The pose before, as in a sequence, is where a solve of a surface with junctions starts.
+    task = DeformationTask("t", t_fin(8), end_handles(t_fin(8).V, axis=0, shift=[0.3, 0, 0.4]))
+    yield from solved(replace(task, guess=bent(task.mesh.V, 0.5)), vertices=100, max_iterations=2)
 
 
 @scene
