@@ -154,10 +154,14 @@ def memory_of_a_drag() -> Values:
 @scene
 def transfers() -> Values:
     edited = BODY.V * [1, 1.2, 1]
-    for more in ({"samplings": 3}, {"samplings": 1, "frames": "blended", "residual": True}):
+    for more in (
+        {"samplings": 3},
+        {"samplings": 1, "frames": "blended", "residual": True},
+        {"samplings": 1, "coarser": 60},
+    ):
         task, reports = TransferTask("t", Mesh(edited, BODY.F), BODY, bent(BODY.V)), []
         report = lambda *words: reports.append(str(words))  # noqa: E731, B023
-        yield "transferred", transfer(task, vertices=150, seed=2, progress=report, **more)
+        yield "transferred", transfer(task, **{"vertices": 150, "seed": 2, "progress": report} | more)
         yield "reports", sorted(reports)
 
 

@@ -173,6 +173,13 @@ def editor_of_parts() -> Values:
             yield command, said("drag", group=2, **MOVE)
         del session, said  # sessions hold each other in cycles, and the peak of memory is recorded
         gc.collect()
+        with mock.patch("sshade.edit.preview.VERTICES", 100):  # what the page of a large mesh gets
+            session = switched(single=False)
+            said = asked(Commands(session))
+            for command in ("drag", "release", "settle"):
+                yield f"large {command}", brief(said(command, group=2, **MOVE))
+        del session, said
+        gc.collect()
         session = switched(single=True)
         said = asked(Commands(session))
         for command, number in (("drag", 2), ("drag", 3), ("release", 3), ("settle", 3), ("drag", 5)):

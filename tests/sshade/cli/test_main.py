@@ -1,16 +1,18 @@
+import errno
 import signal
 import sys
 from contextlib import suppress
 from importlib.metadata import version
 from pathlib import Path
 
+import numba
 import numpy as np
 import pytest
 
 from sshade import InputError
 from sshade.cli.deform import OPTIONS, _resolved
 from sshade.cli.main import PROGRAM, main
-from sshade.core.console import mistakes_told, progress_bar
+from sshade.core.console import compilation_told, mistakes_told, progress_bar
 from sshade.core.whole_files import replacing
 from sshade.files.meshes import read_arrays
 from sshade.problem.options import described, resolve
@@ -34,6 +36,24 @@ def ended(work) -> int:
     with mistakes_told() as end:
         end.code = work()
     return end.code
+
+
+def test_an_error_of_the_system_names_its_file_if_it_has_one(capsys):
+    def fails(*file: str) -> None:
+        raise OSError(errno.EACCES, "no", *file)
+
+    for file in ((), ("a.ply",)):
+        with mistakes_told():
+            fails(*file)
+    assert capsys.readouterr().err == "error: no\nerror: a.ply: no\n"
+
+
+def test_each_compilation_is_told_to_who_asks():
+    told: list[str] = []
+    with compilation_told(told.append):
+        for number in (1, 2):
+            numba.njit(lambda x, number=number: x + number)(1.0)
+    assert len(told) == 2
 
 
 @pytest.mark.parametrize(("name", "code"), [("SIGTERM", 143), ("SIGINT", 130)])
@@ -96,4 +116,4 @@ def test_help_is_given_where_it_is_looked_for(program):
     whole, own = run(f"{name} --help"), run(f"{program} --help")
     assert whole[1] != own[1] and own[1].startswith(f"usage: {program} ")
     assert run(f"{name} help") == whole
-    assert run(f"{name} help {command}") == run(f"{name} --help {command}") == own
+    assert all(run(f"{name} {word} {command}") == own for word in ("help", "-h", "--help"))
