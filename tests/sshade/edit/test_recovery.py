@@ -1,6 +1,5 @@
 """Unsaved work is kept in a file after each step, and another session continues from it."""
 
-import os
 from pathlib import Path
 
 import numpy as np
@@ -67,16 +66,6 @@ def test_a_step_writes_the_file_and_a_save_or_an_undo_of_all_removes_it():
     for _ in range(3):
         session.undo()
     assert files() == []
-
-
-def test_the_latest_of_several_files_is_offered_first(monkeypatch):
-    paths = []
-    for time in (1e9, 3e9, 2e9):
-        session = begun()
-        added(session, np.arange(5), "fixed")
-        paths.append(abandoned(session, monkeypatch))
-        os.utime(paths[-1], (time, time))
-    assert [offer.path for offer in edited().recovery.offers] == [paths[k] for k in (1, 2, 0)]
 
 
 def test_files_of_another_mesh_and_damaged_files_are_refused_in_a_sentence(monkeypatch):
