@@ -87,14 +87,3 @@ def test_files_of_another_mesh_and_damaged_files_are_refused_in_a_sentence(monke
     assert [offer.path for offer in again.recovery.offers] == [path]
     again.discard()
     assert not path.exists() and again.recovery.offers == []
-
-
-def test_where_no_file_can_be_written_the_work_goes_on_and_the_reason_is_told(monkeypatch):
-    session = begun()
-
-    def refused(_):
-        raise InputError("body.ply.recovery-1.npz: cannot be written (No space left on device)")
-
-    monkeypatch.setattr(session.recovery, "write", refused)
-    added(session, np.arange(5), "moved")
-    assert len(session.state.groups) == 1 and "No space left" in session.trouble
