@@ -8,27 +8,9 @@ from sshade.edit import state
 from sshade.edit.groups import Motion
 from sshade.edit.workspace import Superseded
 from sshade.method.bound import Bound
-from tests.shapes import strip
 from tests.sshade.edit.sessions import BODY, LIFT, ends, ready, settled, turned
 
 pytestmark = pytest.mark.usefixtures("here")
-
-
-@pytest.mark.parametrize("mesh", [BODY, strip(30, 12)], ids=["closed", "sheet"])
-def test_a_drag_follows_the_group_and_comes_near_the_shape_at_rest(mesh):
-    session, number = ready(mesh)
-    V = session.mesh.V
-    for step in np.linspace(0.05, 0.4, 8):
-        shown = session.drag(number, turned(V, step))
-        handles = session.state.moved(number, turned(V, step)).handles(session.mesh)
-        assert shown is session.shown
-        assert np.array_equal(shown[handles.index], handles.target)
-    session.release(number, turned(V, 0.4))
-    dragged = session.shown
-    session.settle()
-    mean = np.linalg.norm(session.shown - dragged, axis=1).mean()
-    assert mean < 0.01 * session.mesh.diagonal
-    assert mean < 0.1 * np.linalg.norm(session.shown - V, axis=1).mean()
 
 
 @pytest.mark.parametrize("back", ["undo", "restore"])
