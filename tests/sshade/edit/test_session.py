@@ -79,12 +79,3 @@ def test_a_step_that_ends_after_a_newer_change_is_not_shown(monkeypatch, newer):
         assert session.shown is shown[0]
     else:
         assert session.is_converged and np.array_equal(session.shown, BODY.V)
-
-
-def test_a_drag_has_the_method_of_now_not_of_the_drag_before():
-    session, number = ready()
-    session.drag(number, LIFT)
-    session.set_up("paper")
-    other, same = ready(method="paper")
-    motion = turned(BODY.V, 0.8)
-    assert np.array_equal(session.drag(number, motion), other.drag(same, motion))
