@@ -1,4 +1,4 @@
-"""The server of the editor: accepted and refused requests, effects of commands, and its end."""
+"""The server of the editor: accepted and refused requests, errors, and the stage of a compilation."""
 
 import logging
 from pathlib import Path

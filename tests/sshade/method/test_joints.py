@@ -1,4 +1,4 @@
-"""Joints become round, walls keep their thickness, and what hardly strains is left alone."""
+"""Joints become round, volumes yield, and what hardly strains is left alone."""
 
 import igl
 import numpy as np
