@@ -80,8 +80,7 @@ def assert_same(found: np.ndarray, expected: np.ndarray, task: DeformationTask, 
 
 
 @pytest.mark.parametrize(
-    ("name", "kind"),
-    [(m, k) for m in METHODS for k in SIMILARITIES if (m, k) not in AXES],
+    ("name", "kind"), [(m, k) for m in METHODS for k in SIMILARITIES if (m, k) not in AXES]
 )
 @settings(max_examples=EXAMPLES)
 @given(number=NUMBERS, seed=NUMBERS)

@@ -11,7 +11,6 @@ import vtk
 
 import sshade
 from sshade.cli.main import main
-from tests.robustness.case import assert_refused
 from tests.shapes import torus
 from tests.write import lines, mesh_ply, obj
 
@@ -99,18 +98,3 @@ def test_clothes_in_the_other_system_are_on_the_body(here):
     rest, target = markups(V[CHOSEN], "LPS", "a.mrk.json"), markups(MOVED, "LPS", "b.mrk.json")
     assert main(["deform", str(body), rest, target, "-o", "out.ply", "--with", "shirt.obj"]) == 0
     np.testing.assert_allclose(sshade.read("out_shirt.obj").V * MIRROR, sshade.read("out.ply").V, atol=0.1)
-
-
-def test_what_differs_is_named_where_it_is_not_converted(here, capsys):
-    """Without declarations, landmarks off the mesh are explained. Another format lacks the declaration."""
-    write("LPS", ".ply")
-    Path("plain.obj").write_bytes(obj(V + [9, 0, 0], F))
-    rest = markups((V[CHOSEN] + [9, 0, 0]) * MIRROR, "RAS", "rest.mrk.json")
-    line = ["deform", "plain.obj", rest, rest, "-o", "out.obj"]
-    words = "with x and y negated they would be on it, in another coordinate system (LPS, RAS)"
-    assert_refused("sshade", line, words)
-    Path("other.obj").write_bytes(lines(["# SPACE=RAS"]) + obj(V, F))
-    assert_refused("sshade", "show mesh.ply other.obj -o a.html", "other.obj is in RAS, and mesh.ply in LPS")
-    rest = markups(V[CHOSEN], "LPS", "rest.mrk.json")
-    assert main(["deform", "mesh.ply", rest, rest, "-o", "out.obj"]) == 0
-    assert "loses the comments and declaration SPACE=LPS of mesh.ply" in capsys.readouterr().err

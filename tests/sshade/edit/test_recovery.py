@@ -1,6 +1,5 @@
 """Unsaved work is kept in a file after each step, and another session continues from it."""
 
-import os
 from pathlib import Path
 
 import numpy as np
@@ -69,16 +68,6 @@ def test_a_step_writes_the_file_and_a_save_or_an_undo_of_all_removes_it():
     assert files() == []
 
 
-def test_the_latest_of_several_files_is_offered_first(monkeypatch):
-    paths = []
-    for time in (1e9, 3e9, 2e9):
-        session = begun()
-        added(session, np.arange(5), "fixed")
-        paths.append(abandoned(session, monkeypatch))
-        os.utime(paths[-1], (time, time))
-    assert [offer.path for offer in edited().recovery.offers] == [paths[k] for k in (1, 2, 0)]
-
-
 def test_files_of_another_mesh_and_damaged_files_are_refused_in_a_sentence(monkeypatch):
     session = begun()
     added(session, np.arange(5), "fixed")
@@ -98,14 +87,3 @@ def test_files_of_another_mesh_and_damaged_files_are_refused_in_a_sentence(monke
     assert [offer.path for offer in again.recovery.offers] == [path]
     again.discard()
     assert not path.exists() and again.recovery.offers == []
-
-
-def test_where_no_file_can_be_written_the_work_goes_on_and_the_reason_is_told(monkeypatch):
-    session = begun()
-
-    def refused(_):
-        raise InputError("body.ply.recovery-1.npz: cannot be written (No space left on device)")
-
-    monkeypatch.setattr(session.recovery, "write", refused)
-    added(session, np.arange(5), "moved")
-    assert len(session.state.groups) == 1 and "No space left" in session.trouble

@@ -1,14 +1,13 @@
-"""The server of the editor: accepted and refused requests, effects of commands, and its end."""
+"""The server of the editor: accepted and refused requests, errors, and the stage of a compilation."""
 
 import logging
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from sshade.edit.server import PAGE, Server
 from tests.sshade.edit.lent import ask, command, lent
-from tests.sshade.edit.sessions import BODY, HIGH, begun
+from tests.sshade.edit.sessions import BODY, begun
 
 pytestmark = pytest.mark.usefixtures("here")
 
@@ -77,20 +76,8 @@ def test_what_is_refused_and_an_error_of_the_program_are_told_in_a_sentence(serv
     assert "ZeroDivisionError" in caplog.text
 
 
-def test_commands_act_on_the_session_and_a_file_is_replaced_after_a_question(server):
-    ask(server, "POST", f"/{server.token}/select?how=replace", HIGH.astype("<u4").tobytes())
-    number = command(server, "mark", {"kind": "moved"})["marked"]
-    centre = 0.5 * (BODY.V.min(axis=0) + BODY.V.max(axis=0))
-    pivot = (BODY.V[HIGH].mean(axis=0) - centre) / BODY.diagonal
-    move = {"group": number, "pivot": pivot.tolist(), "move": [0.05, 0, 0.05], "quaternion": [0, 0.3, 0, 1]}
-    dragged = command(server, "drag", move)["positions"].reshape(-1, 3)
-    assert np.allclose(dragged, (server.session.shown - centre) / BODY.diagonal, atol=1e-7)
-    assert np.abs(dragged[HIGH].mean(axis=0) - pivot - [0.05, 0, 0.05]).max() < 0.01
-    Path("there.ply").write_text("mine")
-    answer = command(server, "save", {"what": "mesh", "name": "there.ply"})
-    assert answer["status"] == 409 and answer["exists"] and Path("there.ply").read_text() == "mine"
-    assert "saved" in command(server, "save", {"what": "mesh", "name": "there.ply", "over": True})
+def test_a_compilation_is_told_until_the_next_answer(server):
     server.compiling("")
     assert b"preparing, once" in ask(server, "GET", f"/{server.token}/progress")[2]
-    command(server, "restore", {"group": number})
+    command(server, "undo")
     assert ask(server, "GET", f"/{server.token}/progress")[2] == b'""'

@@ -8,49 +8,9 @@ from sshade.edit import state
 from sshade.edit.groups import Motion
 from sshade.edit.workspace import Superseded
 from sshade.method.bound import Bound
-from tests.shapes import strip
-from tests.sshade.edit.sessions import BODY, LIFT, begun, ends, marked, ready, settled, turned
+from tests.sshade.edit.sessions import BODY, LIFT, ends, ready, settled, turned
 
 pytestmark = pytest.mark.usefixtures("here")
-
-
-@pytest.mark.parametrize("mesh", [BODY, strip(30, 12)], ids=["closed", "sheet"])
-def test_a_drag_follows_the_group_and_comes_near_the_shape_at_rest(mesh):
-    session, number = ready(mesh)
-    V = session.mesh.V
-    for step in np.linspace(0.05, 0.4, 8):
-        shown = session.drag(number, turned(V, step))
-        handles = session.state.moved(number, turned(V, step)).handles(session.mesh)
-        assert shown is session.shown
-        assert np.array_equal(shown[handles.index], handles.target)
-    session.release(number, turned(V, 0.4))
-    dragged = session.shown
-    session.settle()
-    mean = np.linalg.norm(session.shown - dragged, axis=1).mean()
-    assert mean < 0.01 * session.mesh.diagonal
-    assert mean < 0.1 * np.linalg.norm(session.shown - V, axis=1).mean()
-
-
-def test_undo_and_redo_bring_back_what_was_and_its_shape():
-    session = begun()
-    seen = [(session.state, session.shown)]
-    number = marked(session)
-    for amount in 0.2, 0.3:
-        settled(session, number, turned(BODY.V, amount))
-        seen.append((session.state, session.shown))
-    session.select(np.arange(3), "replace")
-    assert session.is_converged and session.state.shape is seen[-1][1]
-    session.undo()
-    session.undo()
-    assert session.state is seen[1][0] and session.shown is seen[1][1] and session.is_converged
-    session.redo()
-    assert session.state is seen[2][0] and session.shown is seen[2][1]
-    while session.history.can_undo:
-        session.undo()
-    assert session.state is seen[0][0] and np.array_equal(session.shown, BODY.V)
-    session.undo()  # there is nothing before
-    session.select(np.arange(4), "replace")
-    assert not session.history.can_redo
 
 
 @pytest.mark.parametrize("back", ["undo", "restore"])
@@ -119,12 +79,3 @@ def test_a_step_that_ends_after_a_newer_change_is_not_shown(monkeypatch, newer):
         assert session.shown is shown[0]
     else:
         assert session.is_converged and np.array_equal(session.shown, BODY.V)
-
-
-def test_a_drag_has_the_method_of_now_not_of_the_drag_before():
-    session, number = ready()
-    session.drag(number, LIFT)
-    session.set_up("paper")
-    other, same = ready(method="paper")
-    motion = turned(BODY.V, 0.8)
-    assert np.array_equal(session.drag(number, motion), other.drag(same, motion))

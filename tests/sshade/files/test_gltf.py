@@ -6,9 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import trimesh
 
-from sshade import Mesh
+from sshade.files.gltf_morph import write_morphs
 from sshade.files.mesh_file import MeshFile
 from sshade.files.meshes import read_arrays, read_file, write_file
 from tests.gltf import arrays, glb, taken_apart
@@ -215,25 +214,13 @@ def instanced() -> tuple[dict, bytes]:
     return tree, buffer
 
 
-def test_instances_are_written_as_meshes_that_share_what_does_not_move(here):
-    tree, buffer = instanced()
-    file = stored(tree, buffer)
-    assert file.notes == ("2 nodes have a mesh that another node has; each gets a mesh of its own",)
-    V = file.V.copy()
-    V[-SPHERE.n :] = V[-SPHERE.n :, [1, 2, 0]]  # the mirrored instance turns
-    new, data = written(file, V)
-    shown = trimesh.load("b.glb", process=False).to_mesh()
-    assert np.isclose(Mesh(V, file.F).volume, Mesh(shown.vertices, shown.faces).volume)
-    assert data[: len(buffer)] == buffer
-    assert [node.get("mesh") for node in new["nodes"]] == [0, None, 1, 2, 3]
-    primitives = [mesh["primitives"][0] for mesh in new["meshes"] if "indices" in mesh["primitives"][0]]
-    found = [list(primitive["attributes"].values()) for primitive in primitives]
-    assert found == [[0, 1, 2, 3], [6, 7, 8, 3], [9, 10, 11, 3]]
-    assert [(p["indices"], p["material"]) for p in primitives] == [(4, 0)] * 3
-    for number, moved in (6, False), (9, True):
-        positions, normals = arrays(new, data)[number : number + 2]
-        assert "min" in new["accessors"][number]
-        assert (positions == SPHERE.V.astype("f4")).all() == (normals == SPHERE.V.astype("f4")).all() != moved
+def test_targets_of_a_sequence_have_bounds(here):
+    file = stored(*exported())
+    write_morphs(Path("b.glb"), file, [file.V + 1, 2 * file.V], np.array([0.0, 0.1]), ["one", "two"])
+    tree, data = taken_apart(Path("b.glb").read_bytes())
+    assert len(arrays(tree, data)) == 6 + 2 * 4 + 2
+    targets = [target for mesh in tree["meshes"] for target in mesh["primitives"][0]["targets"]]
+    assert all({"min", "max"} <= tree["accessors"][target["POSITION"]].keys() for target in targets)
 
 
 def test_quantised_positions_are_written_as_single_precision(here):

@@ -9,14 +9,7 @@ from scipy.spatial.transform import Rotation
 
 import sshade
 from baselines.accelerated import local_global
-from sshade import (
-    DeformationTask,
-    Deformer,
-    Handles,
-    Mesh,
-    bind,
-    transfer_pose,
-)
+from sshade import DeformationTask, Deformer, Handles, Mesh, bind, transfer_pose
 from sshade.method import polish
 from sshade.problem.options import PRESETS, SOLVER
 from sshade.proxy.triangle import TriangleFrames

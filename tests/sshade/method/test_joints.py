@@ -1,13 +1,11 @@
-"""Joints become round, walls keep their thickness, and what hardly strains is left alone."""
+"""Joints become round, volumes yield, and what hardly strains is left alone."""
 
 import igl
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-import sshade
-from eval.metrics import measure
-from sshade import DeformationTask, Deformer, Mesh, deform
+from sshade import DeformationTask, deform
 from sshade.mesh.boxes import distances, opposite_vertices
 from sshade.solver.aim import PRESSURE
 from sshade.solver.joints import BAND, MARGIN, hold
@@ -24,24 +22,6 @@ def bent_limb(angle: float) -> DeformationTask:
     centre = np.array([0, 0, 4.5])
     handles = moved_parts(LIMB.V, (low, 0), (high, lambda V: centre + turn.apply(V - centre)))
     return DeformationTask("limb", LIMB, handles)
-
-
-def test_a_bent_limb_is_round_and_keeps_its_pose():
-    task = bent_limb(100.0)
-    sharp, smooth = (deform(task, joints=joints, vertices=700) for joints in (0, 1))
-    before, after = (measure(task, found.vertices) for found in (sharp, smooth))
-    assert after["bend_tail"] < 0.7 * before["bend_tail"]
-    assert after["self_intersections"] <= before["self_intersections"]
-    V = smooth.vertices
-    np.testing.assert_allclose(V[task.handles.index], task.handles.target, atol=1e-12)
-    assert smooth.converged and smooth.facts.volume_constraint == sharp.facts.volume_constraint
-    assert np.linalg.norm(V - sharp.vertices, axis=1).mean() < 0.03 * LIMB.diagonal
-    few = deform(task, joints=1, vertices=700, max_iterations=int(smooth.iterations) - 1)
-    assert few.iterations < smooth.iterations and few.converged is False  # of both solves together
-    # The middle keeps its width: the first solve pinches it.
-    i, j = opposite_vertices(LIMB)
-    width = [np.linalg.norm(U[i] - U[j], axis=1) for U in (LIMB.V, sharp.vertices, V)]
-    assert np.percentile(width[2] / width[0], 1) > np.percentile(width[1] / width[0], 1)
 
 
 def test_where_nothing_strains_the_bits_are_those_without_joints():
@@ -128,41 +108,3 @@ def test_the_shape_does_not_jump_where_fixed_handles_begin_to_move():
     ]
     steps = [np.abs(b - a).max() for a, b in zip(shapes, shapes[1:], strict=False)]
     assert max(steps) < 0.1 * 0.2
-
-
-def hose(wall: float, *, around: int = 32, along: int = 40, length: float = 8.0) -> Mesh:
-    """A tube with a wall: an outer and an inner cylinder, joined at both ends."""
-    outer = tube(around, along, length=length)
-    inner = outer.V * [1 - wall, 1 - wall, 1]
-    F = np.concatenate([outer.F, outer.F[:, ::-1] + outer.n])
-    for ring, flip in ((0, 1), (outer.n - around, -1)):
-        a = ring + np.arange(around)
-        b = ring + (np.arange(around) + 1) % around
-        for ends in ((a, b, b + outer.n), (a, b + outer.n, a + outer.n)):
-            F = np.concatenate([F, np.stack(ends, axis=1)[:, ::-flip]])
-    return Mesh(np.concatenate([outer.V, inner]), F)
-
-
-HOSE = hose(0.25)
-
-
-def bend_task(mesh: Mesh) -> DeformationTask:
-    """One end of the mesh turned by 60 degrees."""
-    z, turn = mesh.V[:, 2], Rotation.from_rotvec([0, np.pi / 3, 0])
-    turned = z > 7.3, lambda V: turn.apply(V - [0, 0, 8.0]) + [3.6, 0, 6.3]
-    return DeformationTask("t", mesh, moved_parts(mesh.V, (z < 0.7, 0), turned))
-
-
-@pytest.mark.parametrize("method", ["fast", "fine"])
-def test_a_bent_wall_keeps_its_thickness(method):
-    task = bend_task(HOSE)
-    i, j = opposite_vertices(HOSE)
-    rest = np.linalg.norm(HOSE.V[i] - HOSE.V[j], axis=1)
-    change = {}
-    for weight in (0.0, 3.0):
-        V = sshade.deform(task, method=method, thickness=weight, joints=0).vertices
-        if method == "fast":
-            drag = Deformer(HOSE, task.handles.index, group=task.handles.group, thickness=weight, joints=0)
-            assert np.abs(drag.step(task.handles.target).vertices - V).max() < 5e-3
-        change[weight] = np.abs(np.linalg.norm(V[i] - V[j], axis=1) / rest - 1)
-    assert np.median(change[3.0]) < 0.02 and change[3.0].mean() < 0.5 * change[0.0].mean()
