@@ -1,6 +1,7 @@
 """Programs as methods: files, failures and memory. No process of a program is left after its end."""
 
 import os
+import tracemalloc
 from contextlib import nullcontext
 
 import numpy as np
@@ -91,6 +92,15 @@ def test_each_failure_has_a_sentence_with_the_last_words(run, text, words):
     with pytest.raises(ProgramFailed, match=words) as failed:
         run(text)
     assert "\n" not in str(failed.value)
+
+
+def test_only_the_end_of_what_a_program_says_is_read_and_repeated(run):
+    tracemalloc.start()
+    with pytest.raises(ProgramFailed) as failed:
+        run("head -c 4000000 /dev/zero | tr '\\0' x >&2; exit 1")
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 2e6 and len(str(failed.value)) < 400
 
 
 def test_soft_handles_need_json(run, task):
