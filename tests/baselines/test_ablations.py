@@ -56,8 +56,7 @@ def test_cross_part_projections_are_those_that_land_on_the_other_layer(monkeypat
     counting = lambda *given: counts.append(cross_part(*given)) or counts[-1]  # noqa: E731
     monkeypatch.setattr(replaced, "cross_part", counting)
     extra = paper_with(task, projection="surface", vertices=150, samplings=2).extra
-    first, second = (int(count.sum()) for count in counts)
-    assert first != second and extra["far_vertices"] == (first + second) / 2
+    assert extra["far_vertices"] == np.mean([count.sum() for count in counts])
     assert extra["far_share"] == pytest.approx(100 * extra["far_vertices"] / mesh.n)
     assert extra["far_share"] > 1
     task = DeformationTask("nothing free", mesh, Handles(np.arange(mesh.n), mesh.V))

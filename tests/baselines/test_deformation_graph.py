@@ -39,8 +39,7 @@ def test_nodes_get_edges_until_every_rotation_is_determined_and_no_more(mesh):
     stars = neighbours_of(np.array(sorted(touching)), 12)
     poor = {i for i, star in enumerate(stars) if not determined(i, star)}
     assert poor and all(determined(i, star) for i, star in enumerate(neighbours_of(edges, 12)))
-    found = [tuple(edge) for edge in edges.tolist()]
-    assert found == sorted({*found, *touching}) and all(poor & {*edge} for edge in {*found} - touching)
+    assert all(poor & {*edge} for edge in {*map(tuple, edges.tolist())} - touching)
 
 
 @pytest.mark.parametrize("name", family())

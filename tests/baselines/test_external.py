@@ -19,6 +19,8 @@ SHIFTING = (
     'tail -n +3 "$1" | head -n "$n" | awk "{print \\$1 + 1, \\$2, \\$3}" > "$3"'
 )
 
+#: Reports that hold what no row can hold.
+WRONG = ['{"iterations": true}', '{"seconds": Infinity}', '{"converged": 1}', '{"loss": [1]}', "[1]"]
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="the programs of these tests are for a shell")
 
 
@@ -41,14 +43,16 @@ def run(task, tmp_path):
     return run
 
 
-def test_a_program_gets_files_and_its_result_comes_back(run, task, tmp_path):
-    result = run(f'cp "$2" {tmp_path}/kept.txt; {SHIFTING}')
+def test_a_program_gets_files_and_its_result_comes_back(run, task, tmp_path, capfd):
+    report = '{"seconds": 0.5, "iterations": 3, "converged": true, "loss": 2}'
+    result = run(f"cp \"$2\" {tmp_path}/kept.txt; echo '{report}' | tee $3.json; {SHIFTING}")
     given = np.column_stack([task.handles.index, task.handles.target])
     np.testing.assert_array_equal(np.loadtxt(tmp_path / "kept.txt"), given)  # exactly
     np.testing.assert_allclose(result.vertices, task.mesh.V + [1, 0, 0], atol=1e-5)
-    assert (result.iterations, result.converged) == (0, None)
-    assert result.seconds.keys() == {"write", "program", "read"}
-    assert min(result.seconds.values()) > 0
+    assert (result.iterations, result.converged, result.seconds["reported"]) == (3, True, 0.5)
+    assert result.seconds.keys() == {"write", "program", "read", "reported"}
+    assert min(result.seconds.values()) > 0 and capfd.readouterr().out == ""
+    assert result.extra == {"loss": 2, "peak_mib": pytest.approx(500, abs=499)}
 
 
 @pytest.mark.parametrize("form", ["ply", "obj", "off"])
@@ -56,6 +60,7 @@ def test_each_format_of_a_mesh_keeps_every_bit(run, task, form):
     options = {"mesh_format": form, "output_format": form, "handles_format": "json"}
     result = run('grep -q "\\"vertices\\"" "$2" && cp "$1" "$3"', **options)
     np.testing.assert_array_equal(result.vertices, task.mesh.V)
+    assert (result.iterations, result.converged) == (0, None)
 
 
 def test_seed_and_time_limit_reach_arguments_and_environment(run, tmp_path, monkeypatch):
@@ -92,6 +97,19 @@ def test_each_failure_has_a_sentence_with_the_last_words(run, text, words):
     with pytest.raises(ProgramFailed, match=words) as failed:
         run(text)
     assert "\n" not in str(failed.value)
+
+
+@pytest.mark.parametrize("report", WRONG)
+def test_a_report_of_another_kind_is_refused(run, report):
+    with pytest.raises(ProgramFailed, match=r"output.txt.json of the program (has \w|is no)"):
+        run(f"echo '{report}' > $3.json; {SHIFTING}")
+
+
+@pytest.mark.parametrize("array", [np.zeros((162, 2)), np.array([None]), np.zeros(2, "i4,f8")], ids=repr)
+def test_an_array_of_another_kind_is_refused(run, tmp_path, array):
+    np.save(tmp_path / "own.npy", array)
+    with pytest.raises(ProgramFailed, match="array of shape|not readable"):
+        run(f'cp {tmp_path}/own.npy "$3"', output_format="npy")
 
 
 def test_only_the_end_of_what_a_program_says_is_read_and_repeated(run):

@@ -141,8 +141,15 @@ def test_moving_everything_together_moves_the_result(method, turn):
 
 def test_scaling_everything_together_scales_the_result(method):
     scaled = moved(method.task, np.eye(3), np.zeros(3), 64.0)
-    gap = np.abs(method.call(scaled, seed=3).vertices - 64 * method.result.vertices).max()
+    result = method.call(scaled, seed=3)
+    gap = np.abs(result.vertices - 64 * method.result.vertices).max()
     assert gap <= close(method) * scaled.mesh.diagonal
+    facts = {
+        name: fact
+        for name, fact in method.result.extra.items()
+        if name != "energy" and isinstance(fact, float)
+    }
+    assert {name: result.extra[name] for name in facts} == pytest.approx(facts, rel=0.01, abs=1e-6)
 
 
 DEFORMING = [name for name in methods("", "peer") if name != "identity"]
