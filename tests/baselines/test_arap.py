@@ -139,8 +139,7 @@ def test_lattice_arap_reproduces_rigid_motions_of_any_surface(mesh):
 def test_lattice_arap_is_stationary_where_it_stops():
     task = held_ends(bumpy(2))
     options = {"cells": 10, "tolerance": 1e-10, "max_iterations": 5000}
-    first = lattice_arap(task, **options, start="rest")
-    second = lattice_arap(task, **options, start="rigid")
+    first, second = (lattice_arap(task, **options, start=start) for start in ("rest", "rigid"))
     assert first.converged and second.converged
     assert np.abs(first.vertices - second.vertices).max() < 1e-6 * task.mesh.diagonal
     assert first.extra["handle_before"] < 5e-3

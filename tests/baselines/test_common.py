@@ -111,8 +111,7 @@ def test_a_component_without_a_handle_is_refused(method):
 def test_a_triangle_without_area_is_refused(method):
     task = held_ends(bumpy(1))
     V = np.array(task.mesh.V)
-    face = task.mesh.F[0]
-    V[face[2]] = V[face[:2]].mean(axis=0)
+    V[task.mesh.F[0, 2]] = V[task.mesh.F[0, :2]].mean(axis=0)
     with pytest.raises(InputError, match="1 triangle of the rest mesh has no area"):
         method(DeformationTask("flat", Mesh(V, task.mesh.F), task.handles))
 

@@ -86,6 +86,8 @@ def test_seed_and_time_limit_reach_arguments_and_environment(run, tmp_path, monk
         ("echo big >&2; kill -9 $$", "killed by signal 9, as the system does when memory runs out; its last"),
         ("echo done >&2", "wrote no output.txt; its last line was: done"),
         ("echo 1 2 3 > $3", "wrote 1 vertices, and the mesh has 162 vertices"),
+        ("echo 1 2 > $3", "wrote an array of shape .1, 2., and"),
+        *((f"{SHIFTING}; echo '{text}' > $3.json", "json of the program (has|is no)") for text in WRONG),
         ("echo 1 2 x > $3", "output.txt of the program is not readable"),
         (f"{SHIFTING}; sed -i '2,3s/^[^ ]*/nan/' $3", "2 of the 162 vertices .* are not finite"),
         (f"{SHIFTING}; echo '{{' > $3.json", "output.txt.json of the program is not JSON"),
@@ -99,16 +101,9 @@ def test_each_failure_has_a_sentence_with_the_last_words(run, text, words):
     assert "\n" not in str(failed.value)
 
 
-@pytest.mark.parametrize("report", WRONG)
-def test_a_report_of_another_kind_is_refused(run, report):
-    with pytest.raises(ProgramFailed, match=r"output.txt.json of the program (has \w|is no)"):
-        run(f"echo '{report}' > $3.json; {SHIFTING}")
-
-
-@pytest.mark.parametrize("array", [np.zeros((162, 2)), np.array([None]), np.zeros(2, "i4,f8")], ids=repr)
-def test_an_array_of_another_kind_is_refused(run, tmp_path, array):
-    np.save(tmp_path / "own.npy", array)
-    with pytest.raises(ProgramFailed, match="array of shape|not readable"):
+def test_pickles_of_a_program_are_refused(run, tmp_path):
+    np.save(tmp_path / "own.npy", np.array([None]))
+    with pytest.raises(ProgramFailed, match="not readable"):
         run(f'cp {tmp_path}/own.npy "$3"', output_format="npy")
 
 

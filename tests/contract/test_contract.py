@@ -144,11 +144,7 @@ def test_scaling_everything_together_scales_the_result(method):
     result = method.call(scaled, seed=3)
     gap = np.abs(result.vertices - 64 * method.result.vertices).max()
     assert gap <= close(method) * scaled.mesh.diagonal
-    facts = {
-        name: fact
-        for name, fact in method.result.extra.items()
-        if name != "energy" and isinstance(fact, float)
-    }
+    facts = {k: v for k, v in method.result.extra.items() if isinstance(v, float) and k != "energy"}
     assert {name: result.extra[name] for name in facts} == pytest.approx(facts, rel=0.01, abs=1e-6)
 
 
