@@ -36,8 +36,7 @@ def test_nodes_get_edges_until_every_rotation_is_determined_and_no_more(mesh):
         singular = np.linalg.svd(P[sorted(star)] - P[i], compute_uv=False)
         return len(star) >= FEWEST_NEIGHBOURS and singular[1] ** 2 > 1e-6 * singular[0] ** 2
 
-    stars = neighbours_of(np.array(sorted(touching)), 12)
-    poor = {i for i, star in enumerate(stars) if not determined(i, star)}
+    poor = {i for i, star in enumerate(neighbours_of(np.array([*touching]), 12)) if not determined(i, star)}
     assert poor and all(determined(i, star) for i, star in enumerate(neighbours_of(edges, 12)))
     assert all(poor & {*edge} for edge in {*map(tuple, edges.tolist())} - touching)
 

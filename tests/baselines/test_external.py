@@ -3,6 +3,7 @@
 import os
 import tracemalloc
 from contextlib import nullcontext
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -60,7 +61,6 @@ def test_each_format_of_a_mesh_keeps_every_bit(run, task, form):
     options = {"mesh_format": form, "output_format": form, "handles_format": "json"}
     result = run('grep -q "\\"vertices\\"" "$2" && cp "$1" "$3"', **options)
     np.testing.assert_array_equal(result.vertices, task.mesh.V)
-    assert (result.iterations, result.converged) == (0, None)
 
 
 def test_seed_and_time_limit_reach_arguments_and_environment(run, tmp_path, monkeypatch):
@@ -74,9 +74,6 @@ def test_seed_and_time_limit_reach_arguments_and_environment(run, tmp_path, monk
     monkeypatch.delenv(TIME_LIMIT)
     run(text, "{seed}", "{time_limit}", "-", "{mesh}", "{handles}", "{output}")
     assert told.read_text().split()[1] == "inf"
-    monkeypatch.setenv(TIME_LIMIT, "0.1")
-    with pytest.raises(TimeoutError, match="no result within 0.1 s"):
-        run("sleep 9")
 
 
 @pytest.mark.parametrize(
@@ -86,25 +83,19 @@ def test_seed_and_time_limit_reach_arguments_and_environment(run, tmp_path, monk
         ("echo big >&2; kill -9 $$", "killed by signal 9, as the system does when memory runs out; its last"),
         ("echo done >&2", "wrote no output.txt; its last line was: done"),
         ("echo 1 2 3 > $3", "wrote 1 vertices, and the mesh has 162 vertices"),
-        ("echo 1 2 > $3", "wrote an array of shape .1, 2., and"),
+        ("kill -15 $$", "killed by signal 15; it said nothing"),
         *((f"{SHIFTING}; echo '{text}' > $3.json", "json of the program (has|is no)") for text in WRONG),
         ("echo 1 2 x > $3", "output.txt of the program is not readable"),
         (f"{SHIFTING}; sed -i '2,3s/^[^ ]*/nan/' $3", "2 of the 162 vertices .* are not finite"),
         (f"{SHIFTING}; echo '{{' > $3.json", "output.txt.json of the program is not JSON"),
         (f"{SHIFTING}; echo '{{\"seconds\": -1}}' > $3.json", "has seconds=-1"),
-        (r"printf '\033[31mred\007\r\n' >&2; exit 1", r"its last line was: \[31mred$"),
+        (r"printf '\377\033[31mred\007\r\n' >&2; exit 1", r"its last line was: . \[31mred$"),
     ],
 )
 def test_each_failure_has_a_sentence_with_the_last_words(run, text, words):
     with pytest.raises(ProgramFailed, match=words) as failed:
         run(text)
     assert "\n" not in str(failed.value)
-
-
-def test_pickles_of_a_program_are_refused(run, tmp_path):
-    np.save(tmp_path / "own.npy", np.array([None]))
-    with pytest.raises(ProgramFailed, match="not readable"):
-        run(f'cp {tmp_path}/own.npy "$3"', output_format="npy")
 
 
 def test_only_the_end_of_what_a_program_says_is_read_and_repeated(run):
@@ -128,4 +119,14 @@ def test_a_program_that_ends_leaves_no_process_behind(run, tmp_path, code):
     pids = tmp_path / "pids"
     with pytest.raises(ProgramFailed) if code else nullcontext():
         run(f"{SHIFTING}; sleep 600 & echo $! $$ > {pids}; exit {code}")
+    wait_for(lambda: ended(pids), seconds=10)
+
+
+def test_memory_is_that_of_all_processes_together_and_all_of_them_end(run, tmp_path, monkeypatch):
+    # Each process seems to take 100 MiB. Two have groups of their own. The program waits for readings.
+    go, pids, seen = tmp_path / "go", tmp_path / "pids", []
+    taken = lambda process: seen.append(process) or len(seen) > 3 and go.touch() or Mock(rss=100 << 20)  # noqa: E731
+    monkeypatch.setattr("psutil.Process.memory_info", taken)
+    started = f"set -m; sleep 99 & sleep 99 & jobs -p > {pids}; until [ -e {go} ]; do sleep 0.01; done"
+    assert run(f"{started}; {SHIFTING}").extra["peak_mib"] >= 300
     wait_for(lambda: ended(pids), seconds=10)

@@ -131,12 +131,9 @@ def test_moving_everything_together_moves_the_result(method, turn):
     if method.transfers:
         assert np.median(gap) <= (0.1 * TRANSFER if turn != "no turn" else close(method))
         assert gap.max() <= TRANSFER
-    elif method.name in OTHER_TETRAHEDRA and turn != "no turn":
-        assert gap.max() <= OTHER_TETRAHEDRA[method.name]
-    elif turn == "any turn":
-        assert gap.max() <= AXIS_DEPENDENT.get(method.name, close(method))
     else:
-        assert gap.max() <= close(method)
+        most = {"no turn": {}, "any turn": OTHER_TETRAHEDRA | AXIS_DEPENDENT}.get(turn, OTHER_TETRAHEDRA)
+        assert gap.max() <= most.get(method.name, close(method))
 
 
 def test_scaling_everything_together_scales_the_result(method):
