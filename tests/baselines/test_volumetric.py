@@ -133,7 +133,7 @@ def test_tetrahedral_arap_comes_to_one_minimum_from_both_starts():
 
 
 def test_bounded_biharmonic_weights_blend_two_bones():
-    """Every vertex between a fixed bone and a shifted bone moves by a fraction of the shift."""
+    # Every vertex between a fixed bone and a shifted bone moves by a fraction of the shift.
     mesh = bumpy(3)
     z = mesh.V[:, 2]
     handles = moved_parts(mesh.V, (z < np.quantile(z, 0.1), 0), (z > np.quantile(z, 0.9), [0.0, 0.0, 1.0]))
@@ -147,7 +147,7 @@ def test_bounded_biharmonic_weights_blend_two_bones():
 
 
 def test_biharmonic_coordinates_reproduce_affine_maps_of_points():
-    """An affine map moves six handles: single vertices in general position, far from each other."""
+    # An affine map moves six handles: single vertices in general position, far from each other.
     mesh = bumpy(3)
     index = np.array([int(np.argmax(mesh.V @ d)) for d in np.concatenate([np.eye(3), -np.eye(3)])])
     expected = mesh.V @ np.array([[1.0, 0.2, 0], [0, 1.1, 0], [0.1, 0, 0.9]]).T
