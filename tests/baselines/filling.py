@@ -12,9 +12,7 @@ def filled(V: np.ndarray, F: np.ndarray, *, edge: float, envelope: float) -> tup
     nodes, tetrahedra, component = np.zeros((0, 3)), [], Mesh(V, F).component
     for part in np.unique(component[F]):
         own = V[component == part]
-        steps = [
-            np.arange(low + edge / 2, high, edge) for low, high in zip(own.min(0), own.max(0), strict=True)
-        ]
+        steps = [np.arange(low + edge / 2, high, edge) for low, high in np.stack([own.min(0), own.max(0)], 1)]
         grid = np.stack(np.meshgrid(*steps), axis=-1).reshape(-1, 3)
         inside = (Delaunay(own).find_simplex(grid) >= 0) & (cKDTree(own).query(grid)[0] > edge / 2)
         points = np.concatenate([own, grid[inside]])

@@ -17,7 +17,7 @@ from baselines.rbf import rbf
 from baselines.smooth_arap import smooth_arap
 from baselines.volumetric.lattice import lattice
 from baselines.volumetric.lattice_arap import lattice_arap
-from sshade import DeformationTask, Handles, Mesh
+from sshade import DeformationTask, Handles, InputError, Mesh
 from sshade.solver.laplacian import edge_weights, half_cotangents, laplacian_matrix
 from tests.shapes import block, bumpy, folded, held_ends, icosphere, jittered, rotation, strip, tube
 
@@ -56,13 +56,18 @@ def test_iterations_one_a_call_equal_one_libigl_call_bit_for_bit(task, energy, i
 
 
 @pytest.mark.parametrize("kernel", ["thin_plate_spline", "cubic"])
-def test_it_is_the_spline_of_scipy_through_the_nearest_handles(kernel):
-    mesh, rng = bumpy(2), np.random.default_rng(6)
+def test_it_is_the_spline_of_scipy_through_the_nearest_handles(kernel, monkeypatch):
+    monkeypatch.setattr("baselines.rbf.BLOCK", 100)
+    told, mesh, rng = [], bumpy(2), np.random.default_rng(6)
     index = rng.choice(mesh.n, 20, replace=False)
-    given = Handles(index, mesh.V[index] + rng.normal(size=(20, 3)))
-    found = rbf(DeformationTask("dense", mesh, given), neighbours=12, kernel=kernel).vertices
-    expected = RBFInterpolator(mesh.V[index], given.target, neighbors=12, kernel=kernel)(mesh.V)
+    task = DeformationTask("dense", mesh, Handles(index, mesh.V[index] + rng.normal(size=(20, 3))))
+    found = rbf(task, neighbours=12, kernel=kernel, progress=lambda *words: told.append(words)).vertices
+    expected = RBFInterpolator(mesh.V[index], task.handles.target, neighbors=12, kernel=kernel)(mesh.V)
     np.testing.assert_allclose(found, expected, atol=1e-9)
+    assert np.array_equal(found[index], task.handles.target)
+    assert told == [("vertices", done, 162) for done in (0, 100, 162)]
+    with pytest.raises(InputError, match="^rbf: "):
+        rbf(DeformationTask("few", mesh, Handles(index[:3], mesh.V[index[:3]])))
 
 
 # --- harmonic and biharmonic fields against dense solutions and closed forms
@@ -134,8 +139,7 @@ def test_lattice_arap_reproduces_rigid_motions_of_any_surface(mesh):
 def test_lattice_arap_is_stationary_where_it_stops():
     task = held_ends(bumpy(2))
     options = {"cells": 10, "tolerance": 1e-10, "max_iterations": 5000}
-    first = lattice_arap(task, **options, start="rest")
-    second = lattice_arap(task, **options, start="rigid")
+    first, second = (lattice_arap(task, **options, start=start) for start in ("rest", "rigid"))
     assert first.converged and second.converged
     assert np.abs(first.vertices - second.vertices).max() < 1e-6 * task.mesh.diagonal
     assert first.extra["handle_before"] < 5e-3

@@ -1,5 +1,6 @@
 """Promises of several baselines: rigid motions, collapsed faces, components, soft handles, wrong options."""
 
+from dataclasses import replace
 from functools import partial
 from inspect import signature
 
@@ -7,7 +8,7 @@ import numpy as np
 import pytest
 
 from baselines.ablations.replaced import paper_with
-from baselines.accelerated import accelerated_arap, accelerated_elastic
+from baselines.accelerated import accelerated_arap, accelerated_elastic, local_global
 from baselines.arap import arap, elastic, libigl_arap
 from baselines.arap_sr.arap_sr import arap_sr
 from baselines.deformation_fields import deformation_field
@@ -20,7 +21,7 @@ from baselines.volumetric.lattice_arap import lattice_arap
 from baselines.volumetric.neo_hookean import neo_hookean
 from baselines.volumetric.skinning import bounded_biharmonic_weights
 from sshade import DeformationTask, Handles, InputError, Mesh
-from tests.shapes import beside, bumpy, held_ends, icosphere, rotation
+from tests.shapes import bent, beside, bumpy, held_ends, icosphere, rotation
 from tests.sshade.method.test_deform import check_collapsed
 
 ROUNDING = 1e-9
@@ -38,11 +39,15 @@ WRONG = [
     (neo_hookean, {"load_steps": 0}, "poisson"),
     (bounded_biharmonic_weights, {"qp_iterations": 0}, "active set"),
 ]
-#: Another value than the default for each parameter of these methods.
+#: Another value than the default for each parameter of these methods that is no switch.
 OTHER = {"energy": "spokes", "tolerance": 1e-2, "max_iterations": 2, "start": "rigid", "alpha": 0.2}
-OTHER |= {"clamp": False, "accelerate": True, "nodes": 30, "blended": 2, "order": 2, "smoothness": 0.5}
-OTHER |= {"cells": 10, "filled": False, "handle_weight": 1.0, "neighbours": 9, "kernel": "cubic"}
-OPTED = [libigl_arap, arap_sr, deformation_graph, deformation_field, smooth_arap, lattice_arap, rbf]
+OTHER |= {"nodes": 30, "blended": 2, "order": 2, "smoothness": 0.5}
+OTHER |= {"cells": 10, "handle_weight": 1.0, "neighbours": 9, "kernel": "cubic"}
+#: Parameters that change no result.
+SAME = {"task", "seed", "progress", "options", "factorised"}
+ITERATED = [arap_sr, deformation_graph, smooth_arap]
+GUESSED = [arap, elastic, accelerated_arap, partial(accelerated_elastic, volume=1.0), *ITERATED, paper_with]
+OPTED = [libigl_arap, *ITERATED, deformation_field, lattice_arap, rbf]
 
 
 def called(method, task, **options):
@@ -63,14 +68,23 @@ def test_a_rigid_start_of_rigidly_moved_handles_is_the_answer(method, options, c
     assert result.iterations == 1 and result.converged is not False
 
 
-@pytest.mark.parametrize("method", OPTED)
+@pytest.mark.parametrize("method", [*OPTED, accelerated_arap, accelerated_elastic, local_global])
 def test_every_parameter_counts(method):
-    """Also one that is new."""
-    task, names = held_ends(bumpy(2)), signature(method).parameters.keys() - {"task", "seed", "progress"}
-    fixed = {"cells": 16} if "cells" in names else {}
+    # Also one that is new.
+    task, given = held_ends(bumpy(2)), signature(method).parameters
+    other = OTHER | {n: not p.default for n, p in given.items() if isinstance(p.default, bool)}
+    fixed = {"cells": 16} if "cells" in given else {}
     plain = method(task, **fixed).vertices
-    same = [n for n in names if np.array_equal(plain, method(task, **fixed | {n: OTHER[n]}).vertices)]
-    assert same == []
+    for name in given.keys() - SAME:
+        assert not np.array_equal(plain, method(task, **fixed | {name: other[name]}).vertices), name
+
+
+@pytest.mark.parametrize("method", GUESSED)
+def test_a_guess_counts_and_progress_is_told(method):
+    told, task = [], held_ends(bumpy(2))
+    options = {"max_iterations": 1, "progress": lambda *words: told.append(words)}
+    found = [method(one, **options).vertices for one in (task, replace(task, guess=bent(task.mesh.V)))]
+    assert told and not np.array_equal(*found)
 
 
 @pytest.mark.parametrize(("method", "options", "message"), WRONG)
@@ -79,13 +93,13 @@ def test_options_out_of_range_are_refused(method, options, message):
         called(method, held_ends(bumpy(1)), **options)
 
 
-@pytest.mark.parametrize("method", [accelerated_arap, accelerated_elastic, arap_sr, deformation_graph])
+@pytest.mark.parametrize("method", [accelerated_arap, accelerated_elastic, *ITERATED])
 def test_collapsed_faces_are_deformed_as_those_around_them(method):
     flat, count = check_collapsed(method)
     assert flat.converged and count >= 6
 
 
-@pytest.mark.parametrize("method", [arap, arap_sr, deformation_graph, smooth_arap, deformation_field])
+@pytest.mark.parametrize("method", [arap, *ITERATED, deformation_field])
 def test_a_component_without_a_handle_is_refused(method):
     task, other = held_ends(bumpy(1)), icosphere(1)
     both = beside(task.mesh, Mesh(other.V + 5, other.F))
@@ -97,20 +111,20 @@ def test_a_component_without_a_handle_is_refused(method):
 def test_a_triangle_without_area_is_refused(method):
     task = held_ends(bumpy(1))
     V = np.array(task.mesh.V)
-    face = task.mesh.F[0]
-    V[face[2]] = V[face[:2]].mean(axis=0)
+    V[task.mesh.F[0, 2]] = V[task.mesh.F[0, :2]].mean(axis=0)
     with pytest.raises(InputError, match="1 triangle of the rest mesh has no area"):
         method(DeformationTask("flat", Mesh(V, task.mesh.F), task.handles))
 
 
+UNUSED = {"soft handles": {"weight": np.ones(9)}, "rotations": {"rotation": np.tile(np.eye(3), (9, 1, 1))}}
 NEAREST = partial(paper_with, handle_mode="nearest")
 
 
 @pytest.mark.parametrize(
     "method", dict.fromkeys([arap, identity, NEAREST, *OPTED, *(one for one, *_ in WRONG)])
 )
-def test_soft_handles_are_refused(method):
+@pytest.mark.parametrize(("words", "more"), UNUSED.items())
+def test_soft_handles_and_rotations_are_refused(method, words, more):
     task = held_ends(bumpy(1))
-    soft = Handles(task.handles.index, task.handles.target, weight=1.0)
-    with pytest.raises(InputError, match="takes no soft handles"):
-        called(method, DeformationTask("soft", task.mesh, soft))
+    with pytest.raises(InputError, match=f"takes no {words}"):
+        called(method, replace(task, handles=replace(task.handles, **more)))
