@@ -54,6 +54,15 @@ def test_bodies_are_closed_and_in_correspondence(subject):
     assert source.landmark_vertices(subject) == BODIES.landmark_vertices(0)
 
 
+def test_assets_are_read_and_decoded_once(monkeypatch):
+    for _ in range(2):
+        for source in (BODIES, NEW, EXACT, Animals()):
+            subject = source.subjects[0]
+            source.posed(subject, source.poses(subject)[0])
+            assert source.body(subject)[0] is source.body(subject)[0]
+        monkeypatch.setattr(np, "load", None)
+
+
 def test_bones_follow_the_chain_and_a_twist_does_not_collapse():
     joints, half_turn = np.array([[0.0, 0, 0], [1.0, 0, 0]]), np.pi - 1e-9
     motions = bone_motions(joints, np.array([-1, 0]), rotations=np.array([[0, 0, np.pi / 2]] * 2))

@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import tracemalloc
 from dataclasses import replace
 from time import sleep
 
@@ -16,7 +17,9 @@ from defaust.build import workers as module
 from defaust.build.dataset import _difference, build
 from defaust.build.lock import sole_builder
 from defaust.build.verify import verify
+from defaust.folder.layout import sha256
 from defaust.folder.record import read_dataset
+from defaust.schema import mismatch
 from sshade import InputError
 from sshade.files.meshes import read_mesh, write_mesh
 from tests.defaust.toy import KEPT, OPTIONS, Balls, change, change_handles, flip_a_byte, relist
@@ -181,12 +184,18 @@ def test_a_changed_record_is_a_fault_and_is_not_read(dataset):
             use(dataset)
 
 
+ENDS = "source", "target"
+
+
 @pytest.mark.parametrize(
     ("edit", "message"),
     [
         (lambda h: h[0]["target"].__setitem__(0, [0.0, 0.0, 0.0]), "a target is not its vertex"),
         (lambda h: h[0]["source"].__setitem__(2, [9.0, 9.0, 9.0]), "handle 2 is no vertex of rest_low.ply"),
         (lambda h: h[1]["source"].__setitem__(1, h[0]["source"][0]), "a vertex is a handle twice"),
+        (lambda h: [h[0][k].__setitem__(1, h[0][k][0]) for k in ENDS], "a vertex is a handle twice"),
+        (lambda h: [h[0][k].pop() for k in ENDS], "has 5 handles, not 6"),
+        (lambda h: h.reverse(), "its landmarks differ from those of the dataset"),
         (lambda h: h[0].update(delta=1.0), "delta is 1.0"),
         (lambda h: h[0].update(delta_mean=1.0), "delta_mean is 1.0"),
         (lambda h: h[1].update(kind="dynamic"), "listed as dynamic, and static when recomputed"),
@@ -197,6 +206,32 @@ def test_a_wrong_handle_is_found(dataset, edit, message):
     change_handles(dataset, name, lambda content: edit(content["handles"]))
     (fault,) = verify(dataset)
     assert fault.file == name and message in fault.text
+
+
+def test_a_file_is_not_held_in_memory_for_its_checksum(tmp_path):
+    (tmp_path / "large").touch()
+    os.truncate(tmp_path / "large", 1 << 23)
+    tracemalloc.start()
+    sha256(tmp_path / "large")
+    assert tracemalloc.get_traced_memory()[1] < 1 << 20
+    tracemalloc.stop()
+
+
+@pytest.mark.parametrize(
+    ("value", "schema", "problem"),
+    [
+        (True, int, "it is True, not a whole number"),
+        (True, float, "it is True, not a number"),
+        (float("inf"), float, "it is inf, not a number"),
+        ("1", (int, None), "it is '1', not a whole number"),
+        (None, (int, None), ""),
+        ([1, 2.5], [float, float], ""),
+        ([1], [float, float], "it has 1 items, not 2"),
+        ({"a": {"b": [1, "2"]}}, {"a": {str: [int]}}, "a.b[1] is '2', not a whole number"),
+    ],
+)
+def test_a_value_that_does_not_fit_its_schema_is_named(value, schema, problem):
+    assert mismatch(value, schema) == problem
 
 
 def test_wrong_meshes_are_found(dataset):
