@@ -44,6 +44,8 @@ def noisy(tmp_path_factory):
 def test_builds_are_byte_identical_with_any_number_of_workers(finished, tmp_path):
     build(Balls(), tmp_path / "again", options=OPTIONS, workers=2)
     assert contents(tmp_path / "again") == contents(finished)
+    files = read_dataset(finished)["files"]
+    assert all(entry["bytes"] == (finished / name).stat().st_size for name, entry in files.items())
 
 
 @pytest.mark.parametrize("kernels", few(OFFERED, *OFFERED[:1]))
@@ -71,10 +73,14 @@ def test_a_killed_build_is_resumed(finished, tmp_path, monkeypatch):
         build(Balls(), out, options=OPTIONS, workers=1)
     with pytest.raises(InputError, match="not a finished DeFAUST folder.*same defaust build again"):
         read_dataset(out)
+    (out / "notes").touch()
+    with pytest.raises(InputError, match="holds notes, which no build has written"):
+        build(Balls(), out, options=OPTIONS, workers=1)
+    (out / "notes").unlink()
     kept = lambda *args, **kw: built.append(kw["subject"]) or original(*args, **kw)  # noqa: E731
     monkeypatch.setattr(module, "build_subject", kept)
-    build(Balls(), out, options=OPTIONS, workers=1)
-    assert built == [1, 2] and contents(out) == contents(finished)
+    build(Balls(), out, options=OPTIONS, workers=1, progress=lambda *step: built.append(step[1:3]))
+    assert built == [(1, 3), 1, (2, 3), 2, (3, 3)] and contents(out) == contents(finished)
 
 
 @pytest.mark.parametrize(
@@ -82,10 +88,11 @@ def test_a_killed_build_is_resumed(finished, tmp_path, monkeypatch):
     [lambda out: flip_a_byte(out / "subject_00/rest.ply"), lambda out: (out / "README.md").unlink()],
     ids=["a byte", "the card"],
 )
-def test_a_rerun_restores_what_is_missing(finished, dataset, damage):
+def test_a_rerun_restores_what_is_missing(finished, dataset, damage, monkeypatch):
     damage(dataset)
     assert verify(dataset)
-    build(Balls(), dataset, options=OPTIONS, workers=1)
+    monkeypatch.setattr(module, "ProcessPoolExecutor", None)  # at most one subject is missing
+    build(Balls(), dataset, options=OPTIONS, workers=2)
     assert contents(dataset) == contents(finished)
 
 
@@ -118,7 +125,7 @@ def test_one_process_at_a_time_builds_in_a_folder(tmp_path):
 
 
 class Odd(Balls):
-    """Balls: subject 1 has no poses, and the second pose of the others is the rest pose."""
+    """Balls: nothing moves in subject 0, subject 1 has no poses, and in subject 2 only the first moves."""
 
     def poses(self, subject):
         if subject == 1:
@@ -126,23 +133,31 @@ class Odd(Balls):
         return super().poses(subject)
 
     def posed(self, subject, pose):
-        return self.rest(subject) if pose.name == "turn" else super().posed(subject, pose)
+        return self.rest(subject) if subject == 0 or pose.name == "turn" else super().posed(subject, pose)
 
 
-def test_subjects_and_poses_that_cannot_be_used_are_refused_or_left_out_with_the_reason(tmp_path):
-    out, still = tmp_path / "balls", "nothing moves in pose turn: each landmark moves less than 1 %"
-    with pytest.raises(InputError, match="subject 1 has none"):
-        build(Odd(), out, options=KEPT, workers=1)
-    with pytest.raises(InputError, match=still):
-        build(Odd(), out, options=replace(KEPT, subjects=(0,)), workers=1)
-    document = build(Odd(), out, options=KEPT, workers=1, strict=False)
-    assert [one["subject"] for one in document["subjects"]] == [0, 2]
-    assert document["left_out"] == [{"subject": 1, "reason": "subject 1 has none"}]
-    for subject in document["subjects"]:
-        assert [pose["pose"] for pose in subject["poses"]] == [1]
-        assert subject["left_out"][0]["reason"].startswith(still)
+def test_subjects_and_poses_that_cannot_be_used_are_refused_or_left_out_with_the_reason(tmp_path, caplog):
+    out, still, steps = tmp_path / "balls", "nothing moves in pose {}: each landmark moves less than 1 %", []
+    for subjects, strict, message in (
+        (None, True, "subject 1 has none"),
+        ((1,), False, "subject 1 has none"),
+        ((0,), False, still.format("lean")),
+        ((2,), True, still.format("turn")),
+    ):
+        with pytest.raises(InputError, match=message):
+            build(Odd(), out, options=replace(KEPT, subjects=subjects), workers=1, strict=strict)
+    caplog.clear()
+    progress = lambda *step: steps.append(step[1:3])  # noqa: E731
+    document = build(Odd(), out, options=KEPT, workers=1, strict=False, progress=progress)
+    (subject,), reasons = document["subjects"], [one["reason"] for one in document["left_out"]]
+    reasons += [pose["reason"] for pose in subject["left_out"]]
+    assert [pose["pose"] for pose in subject["poses"]] == [1] and subject["subject"] == 2
+    assert [one["subject"] for one in document["left_out"]] == [0, 1] and steps[-1] == (3, 3)
+    expected = [f"subject 0: {still.format('lean')}", "subject 1 has none", still.format("turn")]
     card = (out / "README.md").read_text()
-    assert still in card and "Left out: subject 1 has none." in card and verify(out) == []
+    for reason, start in zip(reasons, expected, strict=True):
+        assert reason.startswith(start) and f"{reason}." in card and reason in caplog.text
+    assert verify(out) == []
 
 
 class Killed(Balls):
@@ -177,10 +192,10 @@ def test_workers_end_with_a_killed_build(tmp_path):
 
 
 def test_a_changed_record_is_a_fault_and_is_not_read(dataset):
-    change(dataset, lambda d: d["build"].update(seed=5), sign=False)
+    change(dataset, lambda d: d["subjects"][0]["high"].update(volume=5.0), sign=False)
     assert [fault.text for fault in verify(dataset)] == ["its content does not match its own checksum"]
     for use in (read_dataset, lambda root: build(Balls(), root, options=OPTIONS)):
-        with pytest.raises(InputError, match="changed after the build|seed was 5 and is now 0"):
+        with pytest.raises(InputError, match="changed after the build"):
             use(dataset)
 
 
