@@ -126,7 +126,7 @@ def test_vertices_and_faces_outside_the_surface_are_removed(tmp_path):
     assert source.dropped(0) == {"unused_vertices": 1, "faces_that_repeat_a_vertex": 1, "duplicate_faces": 1}
     assert source.landmark_vertices(0) == {"front": 4, "top": 12}
     build(source, out, options=KEPT, workers=1)
-    assert verify(out) == []
+    assert verify(out) == [] and "1 unused vertices, 1 faces" in (out / "README.md").read_text()
     task = load_task(out, subject=0, pose=2)
     np.testing.assert_allclose(task.truth, bent(ball, 2), rtol=0, atol=1e-15)
     assert same_triangles(task.mesh.F, ball.F) and task.mesh.volume == pytest.approx(ball.volume)
@@ -149,6 +149,8 @@ def test_surfaces_with_holes_or_components_or_not_manifold_are_built(tmp_path):
     source, out = sequence(tmp_path / "data", "source.landmarks=4"), tmp_path / "out"
     build(source, out, options=KEPT, workers=1)
     assert verify(out) == []
+    for words in ("1 are not oriented", "4 are not oriented", "3 have 2 components"):
+        assert f"The meshes of subject {words}" in (out / "README.md").read_text()
     document = read_dataset(out)
     for subject, (name, mesh) in zip(document["subjects"], shapes.items(), strict=True):
         task = load_task(out, subject=subject["subject"], pose=2)
