@@ -147,27 +147,20 @@ class Odd(Balls):
 
 
 def test_subjects_and_poses_that_cannot_be_used_are_refused_or_left_out_with_the_reason(tmp_path, caplog):
-    out, still, steps = tmp_path / "balls", "nothing moves in pose {}: each landmark moves less than 1 %", []
-    for subjects, strict, message in (
-        (None, True, "subject 1 has none"),
-        ((1,), False, "subject 1 has none"),
-        ((0,), False, still.format("lean")),
-        ((2,), True, still.format("turn")),
-    ):
+    out, steps, still = tmp_path / "balls", [], "nothing moves in pose {}: each landmark moves less than 1 %"
+    none, lean, turn = "subject 1 has none", still.format("lean"), still.format("turn")
+    for subjects, strict, message in ((None, 1, none), ((1,), 0, none), ((0,), 0, lean), ((2,), 1, turn)):
         with pytest.raises(InputError, match=message):
-            build(Odd(), out, options=replace(KEPT, subjects=subjects), workers=1, strict=strict)
+            build(Odd(), out, options=replace(KEPT, subjects=subjects), workers=1, strict=bool(strict))
     caplog.clear()
-    progress = lambda *step: steps.append(step[1:3])  # noqa: E731
-    options = replace(KEPT, subjects=(2, 1, 0, 2))  # in order, each once
-    document = build(Odd(), out, options=options, workers=1, strict=False, progress=progress)
-    (subject,), reasons = document["subjects"], [one["reason"] for one in document["left_out"]]
-    reasons += [pose["reason"] for pose in subject["left_out"]]
-    assert [pose["pose"] for pose in subject["poses"]] == [1] and subject["subject"] == 2
-    assert [one["subject"] for one in document["left_out"]] == [0, 1] and steps[-1] == (3, 3)
-    expected = [f"subject 0: {still.format('lean')}", "subject 1 has none", still.format("turn")]
+    settings = {"options": replace(KEPT, subjects=(2, 1, 0, 2)), "strict": False, "workers": 1}
+    document = build(Odd(), out, **settings, progress=lambda *step: steps.append(step[1:3]))
+    (subject,), without = document["subjects"], document["left_out"]
+    assert [subject["subject"], *(one["subject"] for one in without)] == [2, 0, 1] and steps[-1] == (3, 3)
+    assert [pose["pose"] for pose in subject["poses"]] == [1]
     card = (out / "README.md").read_text()
-    for reason, start in zip(reasons, expected, strict=True):
-        assert reason.startswith(start) and f"{reason}." in card and reason in caplog.text
+    for one, reason in zip(without + subject["left_out"], (f"subject 0: {lean}", none, turn), strict=True):
+        assert one["reason"].startswith(reason) and one["reason"] in caplog.text and reason in card
     assert verify(out) == []
 
 
@@ -275,7 +268,6 @@ def test_wrong_meshes_are_found(dataset):
     (dataset / "README.md").unlink()
     expected |= {"subject_02/pose_1_low.ply": "its sha256 differs"}
     expected |= dict.fromkeys(["README.md", "subject_02/pose_2.json"], "missing")
-    faults = verify(dataset)
-    assert len(faults) == len(expected)
-    faults = dict(faults)
+    faults = dict(found := verify(dataset))
+    assert faults.keys() == expected.keys() and len(found) == len(faults)
     assert all(text in faults[name] for name, text in expected.items())

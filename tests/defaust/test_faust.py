@@ -32,6 +32,12 @@ def copy(folder, tmp_path):
     return shutil.copytree(folder, tmp_path / "registrations")
 
 
+def arguments(copy):
+    """A folder beside a copy, and the command that builds there."""
+    out = copy.with_name("out")
+    return out, ["source=faust", "target_vertices=null", "workers=1", f"source.root='{copy}'", f"out='{out}'"]
+
+
 @pytest.mark.parametrize("inside", ["", "MPI-FAUST/training/registrations"])
 def test_any_folder_around_the_files_is_accepted(folder, inside):
     source = pickle.loads(pickle.dumps(faust(folder.parents[2] / inside)))
@@ -89,10 +95,9 @@ def test_a_build_lists_its_files_without_paths(copy, tmp_path):
     ],
     ids=["cut", "missing"],
 )
-def test_a_damaged_copy_is_refused_or_its_pose_is_left_out(copy, tmp_path, refused, caplog, damage, message):
+def test_a_damaged_copy_is_refused_or_its_pose_is_left_out(copy, refused, caplog, damage, message):
     damage(copy / "tr_reg_001.ply")
-    out = tmp_path / "out"
-    command = ["source=faust", "target_vertices=null", "workers=1", f"source.root='{copy}'", f"out='{out}'"]
+    out, command = arguments(copy)
     refused([*command, "subjects=[0]"], f"subject 0: {message}")
     assert not out.exists()
     caplog.clear()
@@ -133,10 +138,9 @@ NOT_RIGHT = {
 
 
 @pytest.mark.parametrize("message", NOT_RIGHT)
-def test_a_registration_that_cannot_be_right_is_refused(copy, tmp_path, refused, message):
+def test_a_registration_that_cannot_be_right_is_refused(copy, refused, message):
     NOT_RIGHT[message](copy)
-    out = tmp_path / "out"
-    command = ["source=faust", "target_vertices=null", "workers=1", f"source.root='{copy}'", f"out='{out}'"]
+    out, command = arguments(copy)
     refused([*command, "subjects=[0,3]", "source.target_poses=[1,3,6]"], message)
     assert not out.exists()
 
@@ -150,21 +154,16 @@ def test_a_build_that_is_not_strict_takes_a_doubtful_registration(copy, tmp_path
 
 
 def test_a_pose_differs_from_the_rest_pose_by_its_edges_and_its_volume():
-    ball = icosphere(2)
-    for factor, words in (
-        (1000, "its mean edge is 1e+03"),
-        (0.001, "its mean edge is 0.001"),
-        ([1, 1, 1.3], "its volume is 1.3"),
-        ([1, 1, 0.7], "its volume is 0.7"),
-        ([1, 1, 1.1], ""),
-    ):
-        assert difference(ball, Mesh(ball.V * factor, ball.F)).partition(" times")[0] == words
+    ball, factors = icosphere(2), (1e3, 1e-3, [1, 1, 1.3], [1, 1, 0.7])
+    texts = "edge is 1e+03", "edge is 0.001", "volume is 1.3", "volume is 0.7"
+    for factor, words in zip(factors, texts, strict=True):
+        assert f"{words} times" in difference(ball, Mesh(ball.V * factor, ball.F))
 
 
 @pytest.mark.parametrize(("strict", "of", "it"), [("true", 0, "the rest"), ("false", 3, "3_forearms_raised")])
-def test_one_pose_under_two_names_is_refused(copy, tmp_path, refused, strict, of, it):
+def test_one_pose_under_two_names_is_refused(copy, refused, strict, of, it):
     shutil.copy(copy / f"tr_reg_00{of}.ply", copy / "tr_reg_006.ply")
-    command = ["source=faust", "target_vertices=null", f"source.root='{copy}'", f"out='{tmp_path / 'out'}'"]
+    out, command = arguments(copy)
     message = f"subject 0: {it}{' pose' * (of == 0)} and 6_arms_forward have equal vertices, so they are one"
     refused([*command, "subjects=[0]", f"strict={strict}"], message)
-    assert not (tmp_path / "out").exists()
+    assert not out.exists()
