@@ -22,6 +22,7 @@ from defaust.sources.source import read_asset
 from defaust.sources.synthetic import SHA256, SyntheticBodies, load_bodies
 from defaust.tasks import load_task
 from eval.rows.splits import HELD_OUT, TUNING, split_of
+from sshade import InputError
 from sshade.mesh.rigid import rigid_motion
 from tests.defaust.toy import change
 from tests.full import few
@@ -52,6 +53,7 @@ def test_bodies_are_closed_and_in_correspondence(subject):
         assert mesh.V[:, 1].min() == pytest.approx(0.0, abs=2e-4) or mesh is not rest
         np.testing.assert_array_equal(mesh.F, BODIES.rest(0).F)
     assert source.landmark_vertices(subject) == BODIES.landmark_vertices(0)
+    assert [p.name for p in source.poses(subject) if not p.aligned] in (["bend_twist"], ["crawling"])
 
 
 def test_assets_are_read_and_decoded_once(monkeypatch):
@@ -61,6 +63,8 @@ def test_assets_are_read_and_decoded_once(monkeypatch):
             source.posed(subject, source.poses(subject)[0])
             assert source.body(subject)[0] is source.body(subject)[0]
         monkeypatch.setattr(np, "load", None)
+    with pytest.raises(InputError, match="bodies.npz is damaged: its sha256 is "):
+        read_asset("bodies", sha256="0")
 
 
 def test_bones_follow_the_chain_and_a_twist_does_not_collapse():
@@ -110,8 +114,7 @@ def test_a_build_is_sound_and_high_and_low_resolution_have_one_true_pose(name, t
 def test_animals_are_closed_without_handles_or_intersections_at_rest(subject):
     rest = Animals().rest(subject)
     assert rest.is_closed and rest.is_manifold and rest.is_oriented and rest.volume > 0
-    assert rest.topology == (2, 1, 0)
-    assert not self_intersecting(rest).any()
+    assert rest.topology == (2, 1, 0) and not self_intersecting(rest).any()
     assert rest.n == pytest.approx(read_table()[SPECIES[subject]]["vertices"], rel=0.05)
     assert rest.V[:, 1].min() == pytest.approx(0.0, abs=0.01 * rest.diagonal)
 
@@ -164,6 +167,7 @@ def test_noise_depends_on_seed_subject_and_pose(monkeypatch):
     np.testing.assert_array_equal(first, displaced(NoisyBodies(), 0, 0))
     for other in (NoisyBodies(seed=1), 0, 0), (NoisyBodies(), 1, 0), (NoisyBodies(), 0, 1):
         assert abs(np.corrcoef(displaced(*other).ravel(), first.ravel())[0, 1]) < 0.2
+    assert len({NoisyBodies(noise, seed).name for noise in (2.0, 2.0000001) for seed in (0, 1)}) == 4
 
 
 def test_the_truth_is_exact_the_handles_have_the_noise_and_the_card_says_so(tmp_path):
@@ -202,6 +206,11 @@ def cases():
     return found
 
 
+def same_template(cases, names=("synthetic", "new_bodies", "noisy_2mm")):
+    """By half: the subjects whose meshes have the faces of the bodies."""
+    return [{key: own for key, own in half.items() if key[0].name in names} for half in cases.values()]
+
+
 def test_held_out_bodies_are_other_bodies_than_those_of_tuning_cases(cases):
     tuning, held_out = ([(s, source.rest(s)) for source, s in half] for half in cases.values())
     pairs = [(s, t, a, b) for (s, a), (t, b) in product(held_out, tuning) if np.array_equal(a.F, b.F)]
@@ -215,13 +224,8 @@ def test_held_out_bodies_are_other_bodies_than_those_of_tuning_cases(cases):
 @pytest.mark.full
 def test_no_held_out_pose_turns_the_surface_as_a_tuning_pose_does(cases):
     tuning, held_out = (
-        {
-            (pose.name, s): normals(source, s, pose)
-            for (source, s), own in half.items()
-            for pose in own
-            if source.name in ("synthetic", "new_bodies", "noisy_2mm")
-        }
-        for half in cases.values()
+        {(pose.name, s): normals(source, s, pose) for (source, s), own in half.items() for pose in own}
+        for half in same_template(cases)
     )
     first = {name: normal for (name, _), normal in reversed(tuning.items())}
     for ((name, s), a), (other, b) in product(held_out.items(), first.items()):

