@@ -30,7 +30,6 @@ from tests.shapes import beside, shifted
 
 #: Command that builds a small dataset whose files and record hold sums of products.
 NOISY = [sys.executable, "-m", "defaust", "build", "source=noisy", "subjects=[6]", "target_vertices=null"]
-NOISY += ["workers=1"]
 
 
 @pytest.fixture(scope="module")
@@ -142,11 +141,15 @@ def test_subjects_and_poses_that_cannot_be_used_are_refused_or_left_out_with_the
     caplog.clear()
     document = build(Odd(), out, options=replace(KEPT, subjects=(2, 1, 0, 2)), workers=1, strict=False)
     (subject,), without = document["subjects"], document["left_out"]
-    assert [subject["subject"], *(one["subject"] for one in without)] == [2, 0, 1] and verify(out) == []
-    assert [pose["pose"] for pose in subject["poses"]] == [1]
+    assert [one["subject"] for one in (subject, *without)] == [2, 0, 1] and len(subject["poses"]) == 1
     card = (out / "README.md").read_text()
     for one, reason in zip(without + subject["left_out"], (f"subject 0: {lean}", none, turn), strict=True):
-        assert one["reason"].startswith(reason) and one["reason"] in caplog.text and reason in card
+        assert (
+            one["reason"].startswith(reason)
+            and one["reason"] in caplog.text
+            and reason in card
+            and verify(out) == []
+        )
 
 
 class Killed(Balls):

@@ -67,17 +67,18 @@ def test_classes_are_read_in_every_format(tmp_path, kind):
 
 def test_the_poses_of_one_sequence_are_sorted_by_the_numbers_in_their_names(tmp_path):
     ball = icosphere(1)
-    for k, name in enumerate(["run_1", "run_2", "run_10", "idle"]):
+    for k, name in enumerate(["pose_1", "pose_2", "pose_10", "Rest"]):
         write(tmp_path / "run", name, bent(ball, k), ball.F, kind=".ply")
-    (tmp_path / "run/._run_1.ply").write_text("what macOS leaves")
-    (tmp_path / "run/run_1.off").write_text("PLY takes precedence")
+    (tmp_path / "run/._pose_1.ply").write_text("what macOS leaves")
+    (tmp_path / "run/older.ply").mkdir()
+    (tmp_path / "run/pose_1.off").write_text("PLY takes precedence")
     source = sequence(tmp_path / "run")
-    assert list(source.checksums([0])) == ["idle.ply", "run_1.ply", "run_2.ply", "run_10.ply"]
+    assert list(source.checksums([0])) == ["Rest.ply", "pose_1.ply", "pose_2.ply", "pose_10.ply"]
     assert source.subjects == (0,) and source.provenance["classes"] == ["sequence"]  # not the folder's name
-    assert source.provenance["rest_poses"] == ["idle"]  # the first by name
-    assert [p.name for p in source.poses(0)] == ["run_1", "run_2", "run_10"]
-    chosen = sequence(tmp_path / "run", "source.poses_used=[run_10,idle]", "source.rest_pose=run_2")
-    assert [p.name for p in chosen.poses(0)] == ["idle", "run_10"]
+    assert source.provenance["rest_poses"] == ["Rest"]  # whatever its place by name
+    assert [p.name for p in source.poses(0)] == ["pose_1", "pose_2", "pose_10"]
+    chosen = sequence(tmp_path / "run", "source.poses_used=[pose_10,Rest]", "source.rest_pose=pose_2")
+    assert [p.name for p in chosen.poses(0)] == ["Rest", "pose_10"]
 
 
 def test_triangles_of_a_class_are_reconciled_and_turned_outward(tmp_path):
@@ -105,8 +106,9 @@ def test_sampled_landmarks_lie_apart_at_the_ends(tmp_path):
     assert list(found) == ["fps_0", "fps_1", "fps_2"] == list(source.landmark_names)
     x = long.V[list(found.values()), 0]
     assert sorted(x[:2]) == [0.0, 40.0] and 15 < x[2] < 25
-    with pytest.raises(InputError, match="the vertex of landmark far is 205, but there are 205 vertices"):
-        sequence(tmp_path, "source.landmarks={far:205}").landmark_vertices(0)
+    for given, words in (("{far:205}", "far is 205, but there are 205 vertices"), ("true", "not an object")):
+        with pytest.raises(InputError, match=words):
+            sequence(tmp_path, f"source.landmarks={given}").landmark_vertices(0)
 
 
 def test_the_first_landmark_is_at_an_end_of_the_largest_component(tmp_path):
