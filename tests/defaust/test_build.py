@@ -81,11 +81,10 @@ def test_a_killed_build_is_resumed(finished, tmp_path, monkeypatch):
     [lambda out: flip_a_byte(out / "subject_00/rest.ply"), lambda out: (out / "README.md").unlink()],
     ids=["a byte", "the card"],
 )
-def test_a_rerun_restores_what_is_missing(finished, dataset, damage, monkeypatch):
+def test_a_rerun_restores_what_is_missing(finished, dataset, damage):
     damage(dataset)
     assert verify(dataset)
-    monkeypatch.setattr(module, "ProcessPoolExecutor", None)  # at most one subject is missing
-    build(Balls(), dataset, options=OPTIONS, workers=2)
+    build(Balls(), dataset, options=OPTIONS, workers=1)
     assert contents(dataset) == contents(finished)
 
 
@@ -108,9 +107,6 @@ def test_another_configuration_is_refused(dataset, source, options, message):
     (dataset / "dataset.json").rename(dataset / ".build/recipe.json")
     with pytest.raises(InputError, match=message):
         build(source, dataset, options=options, workers=1)
-    (dataset / "notes").touch()
-    with pytest.raises(InputError, match="holds notes, which no build has written"):
-        build(Balls(), dataset, options=OPTIONS, workers=1)
 
 
 def test_one_process_at_a_time_builds_in_a_folder(tmp_path):
@@ -144,12 +140,8 @@ def test_subjects_and_poses_that_cannot_be_used_are_refused_or_left_out_with_the
     assert [one["subject"] for one in (subject, *without)] == [2, 0, 1] and len(subject["poses"]) == 1
     card = (out / "README.md").read_text()
     for one, reason in zip(without + subject["left_out"], (f"subject 0: {lean}", none, turn), strict=True):
-        assert (
-            one["reason"].startswith(reason)
-            and one["reason"] in caplog.text
-            and reason in card
-            and verify(out) == []
-        )
+        assert one["reason"].startswith(reason) and one["reason"] in caplog.text and reason in card
+    assert verify(out) == []
 
 
 class Killed(Balls):

@@ -70,7 +70,6 @@ def test_the_poses_of_one_sequence_are_sorted_by_the_numbers_in_their_names(tmp_
     for k, name in enumerate(["pose_1", "pose_2", "pose_10", "Rest"]):
         write(tmp_path / "run", name, bent(ball, k), ball.F, kind=".ply")
     (tmp_path / "run/._pose_1.ply").write_text("what macOS leaves")
-    (tmp_path / "run/older.ply").mkdir()
     (tmp_path / "run/pose_1.off").write_text("PLY takes precedence")
     source = sequence(tmp_path / "run")
     assert list(source.checksums([0])) == ["Rest.ply", "pose_1.ply", "pose_2.ply", "pose_10.ply"]

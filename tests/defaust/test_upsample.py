@@ -25,8 +25,7 @@ def ball() -> Mesh:
 def test_counts_topology_and_shape(ball, target, steps):
     result = upsample(ball, BuildOptions(target_vertices=target))
     mesh = result.mesh
-    assert result.ls3_steps == steps
-    assert 0.9 * target <= mesh.n <= 1.1 * target
+    assert result.ls3_steps == steps and 0.9 * target <= mesh.n <= 1.1 * target
     assert mesh.is_closed and mesh.is_manifold and mesh.is_oriented and mesh.topology == ball.topology
     assert mesh.volume == pytest.approx(4 / 3 * np.pi, rel=0.03)
     length = np.linalg.norm(mesh.V[mesh.edges[:, 0]] - mesh.V[mesh.edges[:, 1]], axis=1)
