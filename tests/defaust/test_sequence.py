@@ -67,17 +67,17 @@ def test_classes_are_read_in_every_format(tmp_path, kind):
 
 def test_the_poses_of_one_sequence_are_sorted_by_the_numbers_in_their_names(tmp_path):
     ball = icosphere(1)
-    for k, name in enumerate(["pose_1", "pose_2", "pose_10", "Rest"]):
+    for k, name in enumerate(["Pose_1", "Pose_2", "Pose_10", "Rest"]):
         write(tmp_path / "run", name, bent(ball, k), ball.F, kind=".ply")
-    (tmp_path / "run/._pose_1.ply").write_text("what macOS leaves")
-    (tmp_path / "run/pose_1.off").write_text("PLY takes precedence")
+    (tmp_path / "run/._Pose_1.ply").write_text("what macOS leaves")
+    (tmp_path / "run/Pose_1.off").write_text("PLY takes precedence")
     source = sequence(tmp_path / "run")
-    assert list(source.checksums([0])) == ["Rest.ply", "pose_1.ply", "pose_2.ply", "pose_10.ply"]
+    assert list(source.checksums([0])) == ["Rest.ply", "Pose_1.ply", "Pose_2.ply", "Pose_10.ply"]
     assert source.subjects == (0,) and source.provenance["classes"] == ["sequence"]  # not the folder's name
     assert source.provenance["rest_poses"] == ["Rest"]  # whatever its place by name
-    assert [p.name for p in source.poses(0)] == ["pose_1", "pose_2", "pose_10"]
-    chosen = sequence(tmp_path / "run", "source.poses_used=[pose_10,Rest]", "source.rest_pose=pose_2")
-    assert [p.name for p in chosen.poses(0)] == ["Rest", "pose_10"]
+    assert [p.name for p in source.poses(0)] == ["Pose_1", "Pose_2", "Pose_10"]
+    chosen = sequence(tmp_path / "run", "source.poses_used=[Pose_10,Rest]", "source.rest_pose=Pose_2")
+    assert [p.name for p in chosen.poses(0)] == ["Rest", "Pose_10"]
 
 
 def test_triangles_of_a_class_are_reconciled_and_turned_outward(tmp_path):
