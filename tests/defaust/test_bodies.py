@@ -22,6 +22,7 @@ from defaust.sources.source import read_asset
 from defaust.sources.synthetic import SHA256, SyntheticBodies, load_bodies
 from defaust.tasks import load_task
 from eval.rows.splits import HELD_OUT, TUNING, split_of
+from sshade import InputError
 from sshade.mesh.rigid import rigid_motion
 from tests.defaust.toy import change
 from tests.full import few
@@ -52,6 +53,18 @@ def test_bodies_are_closed_and_in_correspondence(subject):
         assert mesh.V[:, 1].min() == pytest.approx(0.0, abs=2e-4) or mesh is not rest
         np.testing.assert_array_equal(mesh.F, BODIES.rest(0).F)
     assert source.landmark_vertices(subject) == BODIES.landmark_vertices(0)
+    assert [p.name for p in source.poses(subject) if not p.aligned] in (["bend_twist"], ["crawling"])
+
+
+def test_assets_are_read_and_decoded_once(monkeypatch):
+    for _ in range(2):
+        for source in (BODIES, NEW, EXACT, Animals()):
+            subject = source.subjects[0]
+            source.posed(subject, source.poses(subject)[0])
+            assert source.body(subject)[0] is source.body(subject)[0]
+        monkeypatch.setattr(np, "load", None)
+    with pytest.raises(InputError, match="bodies.npz is damaged: its sha256 is "):
+        read_asset("bodies", sha256="0")
 
 
 def test_bones_follow_the_chain_and_a_twist_does_not_collapse():
@@ -97,15 +110,11 @@ def test_a_build_is_sound_and_high_and_low_resolution_have_one_true_pose(name, t
     assert task.truth is None and "of another version (asset 000000000000)" in task.meta["no_truth"]
 
 
-SUBJECTS = range(len(SPECIES))
-
-
-@pytest.mark.parametrize("subject", SUBJECTS)
+@pytest.mark.parametrize("subject", Animals.subjects)
 def test_animals_are_closed_without_handles_or_intersections_at_rest(subject):
     rest = Animals().rest(subject)
     assert rest.is_closed and rest.is_manifold and rest.is_oriented and rest.volume > 0
-    assert rest.topology == (2, 1, 0)
-    assert not self_intersecting(rest).any()
+    assert rest.topology == (2, 1, 0) and not self_intersecting(rest).any()
     assert rest.n == pytest.approx(read_table()[SPECIES[subject]]["vertices"], rel=0.05)
     assert rest.V[:, 1].min() == pytest.approx(0.0, abs=0.01 * rest.diagonal)
 
@@ -158,6 +167,7 @@ def test_noise_depends_on_seed_subject_and_pose(monkeypatch):
     np.testing.assert_array_equal(first, displaced(NoisyBodies(), 0, 0))
     for other in (NoisyBodies(seed=1), 0, 0), (NoisyBodies(), 1, 0), (NoisyBodies(), 0, 1):
         assert abs(np.corrcoef(displaced(*other).ravel(), first.ravel())[0, 1]) < 0.2
+    assert len({NoisyBodies(noise, seed).name for noise in (2.0, 2.0000001) for seed in (0, 1)}) == 4
 
 
 def test_the_truth_is_exact_the_handles_have_the_noise_and_the_card_says_so(tmp_path):

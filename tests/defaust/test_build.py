@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import tracemalloc
 from dataclasses import replace
 from time import sleep
 
@@ -16,7 +17,9 @@ from defaust.build import workers as module
 from defaust.build.dataset import _difference, build
 from defaust.build.lock import sole_builder
 from defaust.build.verify import verify
+from defaust.folder.layout import sha256
 from defaust.folder.record import read_dataset
+from defaust.schema import mismatch
 from sshade import InputError
 from sshade.files.meshes import read_mesh, write_mesh
 from tests.defaust.toy import KEPT, OPTIONS, Balls, change, change_handles, flip_a_byte, relist
@@ -27,7 +30,6 @@ from tests.shapes import beside, shifted
 
 #: Command that builds a small dataset whose files and record hold sums of products.
 NOISY = [sys.executable, "-m", "defaust", "build", "source=noisy", "subjects=[6]", "target_vertices=null"]
-NOISY += ["workers=1"]
 
 
 @pytest.fixture(scope="module")
@@ -70,8 +72,8 @@ def test_a_killed_build_is_resumed(finished, tmp_path, monkeypatch):
         read_dataset(out)
     kept = lambda *args, **kw: built.append(kw["subject"]) or original(*args, **kw)  # noqa: E731
     monkeypatch.setattr(module, "build_subject", kept)
-    build(Balls(), out, options=OPTIONS, workers=1)
-    assert built == [1, 2] and contents(out) == contents(finished)
+    build(Balls(), out, options=OPTIONS, workers=1, progress=lambda *step: built.append(step[1:3]))
+    assert built == [(1, 3), 1, (2, 3), 2, (3, 3)] and contents(out) == contents(finished)
 
 
 @pytest.mark.parametrize(
@@ -115,7 +117,7 @@ def test_one_process_at_a_time_builds_in_a_folder(tmp_path):
 
 
 class Odd(Balls):
-    """Balls: subject 1 has no poses, and the second pose of the others is the rest pose."""
+    """Balls: nothing moves in subject 0, subject 1 has no poses, and in subject 2 only the first moves."""
 
     def poses(self, subject):
         if subject == 1:
@@ -123,23 +125,23 @@ class Odd(Balls):
         return super().poses(subject)
 
     def posed(self, subject, pose):
-        return self.rest(subject) if pose.name == "turn" else super().posed(subject, pose)
+        return self.rest(subject) if subject == 0 or pose.name == "turn" else super().posed(subject, pose)
 
 
-def test_subjects_and_poses_that_cannot_be_used_are_refused_or_left_out_with_the_reason(tmp_path):
-    out, still = tmp_path / "balls", "nothing moves in pose turn: each landmark moves less than 1 %"
-    with pytest.raises(InputError, match="subject 1 has none"):
-        build(Odd(), out, options=KEPT, workers=1)
-    with pytest.raises(InputError, match=still):
-        build(Odd(), out, options=replace(KEPT, subjects=(0,)), workers=1)
-    document = build(Odd(), out, options=KEPT, workers=1, strict=False)
-    assert [one["subject"] for one in document["subjects"]] == [0, 2]
-    assert document["left_out"] == [{"subject": 1, "reason": "subject 1 has none"}]
-    for subject in document["subjects"]:
-        assert [pose["pose"] for pose in subject["poses"]] == [1]
-        assert subject["left_out"][0]["reason"].startswith(still)
+def test_subjects_and_poses_that_cannot_be_used_are_refused_or_left_out_with_the_reason(tmp_path, caplog):
+    out, still = tmp_path / "balls", "nothing moves in pose {}: each landmark moves less than 1 %"
+    none, lean, turn = "subject 1 has none", still.format("lean"), still.format("turn")
+    for subjects, strict, message in ((None, 1, none), ((1,), 0, none), ((0,), 0, lean), ((2,), 1, turn)):
+        with pytest.raises(InputError, match=message):
+            build(Odd(), out, options=replace(KEPT, subjects=subjects), workers=1, strict=bool(strict))
+    caplog.clear()
+    document = build(Odd(), out, options=replace(KEPT, subjects=(2, 1, 0, 2)), workers=1, strict=False)
+    (subject,), without = document["subjects"], document["left_out"]
+    assert [one["subject"] for one in (subject, *without)] == [2, 0, 1] and len(subject["poses"]) == 1
     card = (out / "README.md").read_text()
-    assert still in card and "Left out: subject 1 has none." in card and verify(out) == []
+    for one, reason in zip(without + subject["left_out"], (f"subject 0: {lean}", none, turn), strict=True):
+        assert one["reason"].startswith(reason) and one["reason"] in caplog.text and reason in card
+    assert verify(out) == []
 
 
 class Killed(Balls):
@@ -174,10 +176,10 @@ def test_workers_end_with_a_killed_build(tmp_path):
 
 
 def test_a_changed_record_is_a_fault_and_is_not_read(dataset):
-    change(dataset, lambda d: d["build"].update(seed=5), sign=False)
+    change(dataset, lambda d: d["subjects"][0]["high"].update(volume=5.0), sign=False)
     assert [fault.text for fault in verify(dataset)] == ["its content does not match its own checksum"]
     for use in (read_dataset, lambda root: build(Balls(), root, options=OPTIONS)):
-        with pytest.raises(InputError, match="changed after the build|seed was 5 and is now 0"):
+        with pytest.raises(InputError, match="changed after the build"):
             use(dataset)
 
 
@@ -187,6 +189,9 @@ def test_a_changed_record_is_a_fault_and_is_not_read(dataset):
         (lambda h: h[0]["target"].__setitem__(0, [0.0, 0.0, 0.0]), "a target is not its vertex"),
         (lambda h: h[0]["source"].__setitem__(2, [9.0, 9.0, 9.0]), "handle 2 is no vertex of rest_low.ply"),
         (lambda h: h[1]["source"].__setitem__(1, h[0]["source"][0]), "a vertex is a handle twice"),
+        (lambda h: [h[0][k].__setitem__(1, h[0][k][0]) for k in ("source", "target")], "a handle twice"),
+        (lambda h: [h[0][k].pop() for k in ("source", "target")], "has 5 handles, not 6"),
+        (lambda h: h.reverse(), "its landmarks differ from those of the dataset"),
         (lambda h: h[0].update(delta=1.0), "delta is 1.0"),
         (lambda h: h[0].update(delta_mean=1.0), "delta_mean is 1.0"),
         (lambda h: h[1].update(kind="dynamic"), "listed as dynamic, and static when recomputed"),
@@ -199,6 +204,24 @@ def test_a_wrong_handle_is_found(dataset, edit, message):
     assert fault.file == name and message in fault.text
 
 
+def test_a_file_is_not_held_in_memory_for_its_checksum(tmp_path):
+    (tmp_path / "large").write_bytes(bytes(1 << 23))
+    tracemalloc.start()
+    sha256(tmp_path / "large")
+    assert tracemalloc.get_traced_memory()[1] < 1 << 20
+    tracemalloc.stop()
+
+
+def test_a_value_that_does_not_fit_its_schema_is_named():
+    for value, schema, problem in (
+        (True, int, "it is True, not a whole number"),
+        (True, float, "it is True, not a number"),
+        ([1], [float, float], "it has 1 items, not 2"),
+        ({"a": {"b": [1, "2"]}}, {"a": {str: [int]}}, "a.b[1] is '2', not a whole number"),
+    ):
+        assert mismatch(value, schema) == problem
+
+
 def test_wrong_meshes_are_found(dataset):
     low = read_mesh(dataset / "subject_00/rest_low.ply")
     high = read_mesh(dataset / "subject_02/rest.ply")
@@ -206,6 +229,7 @@ def test_wrong_meshes_are_found(dataset):
     write_mesh(dataset / "subject_00/rest.ply", low.V, low.F)
     write_mesh(dataset / "subject_01/pose_1_low.ply", low.V, low.F[:, [1, 2, 0]])
     write_mesh(dataset / "subject_02/rest.ply", two.V, two.F)
+    (dataset / "subject_02/pose_2.json").unlink()
     expected = {
         "subject_00/rest.ply": "number of vertices: 642, not ",
         "subject_01/pose_1_low.ply": "its faces differ from those of rest_low.ply",
@@ -215,7 +239,8 @@ def test_wrong_meshes_are_found(dataset):
         relist(dataset, name)
     (dataset / "subject_02/pose_1_low.ply").write_bytes(b"damaged")
     (dataset / "README.md").unlink()
-    expected |= {"subject_02/pose_1_low.ply": "its sha256 differs", "README.md": "missing"}
-    faults = dict(verify(dataset))
-    assert faults.keys() == expected.keys()
+    expected |= {"subject_02/pose_1_low.ply": "its sha256 differs"}
+    expected |= dict.fromkeys(["README.md", "subject_02/pose_2.json"], "missing")
+    faults = dict(found := verify(dataset))
+    assert faults.keys() == expected.keys() and len(found) == len(faults)
     assert all(text in faults[name] for name, text in expected.items())

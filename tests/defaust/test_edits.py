@@ -53,6 +53,7 @@ TWO_BALLS = beside(icosphere(1), shifted(icosphere(1), [5.0, 0, 0]))
 DO_NOT_FIT = {
     "moves one vertex of this mesh": lambda: Stretch(at=(0.5, 0.5, 1.0), radius=1e-6, amount=0.1)(TWO_BALLS),
     "same component": lambda: Fin((0, 0.5, 0.5), (1, 0.5, 0.5), width=0.1, height=0.1)(TWO_BALLS),
+    "at the same vertex": lambda: Fin((0, 0, 0), (0, 0, 0), width=0.1, height=0.1)(TWO_BALLS),
     "has no direction": lambda: Stretch(at=(0.5, 0.5, 0.5), radius=0.2, amount=0.1)(strip(20, 20)),
 }
 

@@ -36,9 +36,7 @@ def built(tmp_path_factory):
 def test_meshes_are_near_the_size_asked_for_and_well_shaped(subject, vertices):
     mesh = Shapes().generated(subject, vertices=vertices)
     assert abs(mesh.n - vertices) <= 0.05 * vertices
-    mesh.require_manifold()
-    mesh.require_one_component()
-    assert mesh.is_oriented
+    assert mesh.is_manifold and mesh.is_oriented
     if subject == PLANE:
         assert mesh.topology == (1, 1, 1) and (mesh.face_normals[:, 2] > 0).all()
     else:

@@ -9,10 +9,10 @@ from scipy.spatial.transform import Rotation
 from defaust.edits import Inflate, Unedited
 from defaust.tasks import load_task
 from defaust.tasks.handle_kinds import FEW, REACH, of_kind
-from sshade import Handles, Mesh, TransferTask
+from sshade import Handles, InputError, Mesh, TransferTask
 from sshade.files.meshes import read_mesh, write_mesh
 from sshade.mesh.adjacency import vertex_graph
-from tests.defaust.toy import relist
+from tests.defaust.toy import flip_a_byte, relist
 from tests.shapes import end_handles, icosphere
 
 
@@ -23,6 +23,13 @@ def test_a_task_without_ground_truth_has_a_reason(dataset):
     task = load_task(dataset, subject=0, pose=1)
     assert task.truth is None and "was not made from the subdivided registered mesh" in task.meta["no_truth"]
     assert "posed_by" not in task.meta and len(task.handles) > 0
+
+
+@pytest.mark.parametrize("name", ["rest_low.ply", "pose_1_low.ply", "pose_1.json"])
+def test_no_task_is_read_from_a_damaged_file(dataset, name):
+    flip_a_byte(dataset / "subject_00" / name)
+    with pytest.raises(InputError, match=f"{name} is not the file that the dataset lists"):
+        load_task(dataset, subject=0, pose=1)
 
 
 BELLY = Inflate(at=(0.5, 0.62, 0.5), radius=0.12, amount=0.05)
