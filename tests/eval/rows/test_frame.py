@@ -1,5 +1,7 @@
 """Rows as tables and files: types, the newest of equal runs, experiments by name, and halves."""
 
+import csv
+
 import pytest
 from eval_rows import frame, row
 
@@ -25,7 +27,16 @@ def test_a_file_that_lost_its_end_is_noticed_wherever_it_was_cut(cut, tmp_path):
         read_csv(path)
 
 
-@pytest.mark.parametrize("label", ["5.0", "1e3", "true", "nan", "007", "a|b"])
+def test_a_cell_may_be_long_and_a_file_that_is_no_text_is_refused(tmp_path):
+    csv.field_size_limit(131_072)
+    write_csv(tmp_path / "r.csv", frame(row(reason=200_000 * "n")))
+    assert len(read_csv(tmp_path / "r.csv")["reason"][0]) == 200_000
+    (tmp_path / "r.csv").write_bytes(b"\xff")
+    with pytest.raises(InputError, match="not a readable CSV file"):
+        read_csv(tmp_path / "r.csv")
+
+
+@pytest.mark.parametrize("label", ["5.0", "1e3", "true", "nan", "inf", "007", "a|b"])
 def test_a_label_that_looks_like_a_number_is_a_name(label, tmp_path):
     write_csv(tmp_path / "r.csv", frame(row(label), row("arap")))
     written = (tmp_path / "r.csv").read_bytes()
