@@ -104,3 +104,15 @@ def test_a_case_counts_with_the_mean_over_its_seeds_and_the_spread_is_shown():
     # The mean over the cases is 3 with seed 0 and 6 with seed 1.
     assert table.spread.at["s", "volume"] == pytest.approx(np.std([3.0, 6.0], ddof=1))
     assert np.isnan(table.spread.at["a", "volume"])
+
+
+def test_differences_are_to_the_wanted_method_also_in_the_parts_of_a_table():
+    kinds = {"task__meta__handles": "points"}, {"task__meta__handles": "regions"}
+    rows = [
+        row(name, f"{kind['task__meta__handles']}{k}", **kind)
+        for name in "ab"
+        for kind in kinds
+        for k in range(5)
+    ]
+    table = table_of(*rows, reference="b")
+    assert {one.reference for one in (table, *table.parts[:2])} == {"b"}
