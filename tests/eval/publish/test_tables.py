@@ -6,7 +6,7 @@ from eval_rows import lost, missing, row, table_of
 
 from eval.metrics import METRICS
 from eval.publish.columns import COLUMNS, REACHED, SUCCESS, TRANSFER_COLUMNS
-from eval.publish.tables import to_markdown
+from eval.publish.tables import to_latex, to_markdown
 from eval.rows.store import TRUE_POSE
 from sshade import InputError
 
@@ -106,13 +106,14 @@ def test_a_case_counts_with_the_mean_over_its_seeds_and_the_spread_is_shown():
     assert np.isnan(table.spread.at["a", "volume"])
 
 
-def test_differences_are_to_the_wanted_method_also_in_the_parts_of_a_table():
-    kinds = {"task__meta__handles": "points"}, {"task__meta__handles": "regions"}
+def test_parts_of_a_table_have_their_notes_and_the_differences_to_the_wanted_method():
     rows = [
-        row(name, f"{kind['task__meta__handles']}{k}", **kind)
-        for name in "ab"
-        for kind in kinds
+        row(name, f"{kind} {k}", task__meta__handles=kind)
+        for name in ("a", "b")
+        for kind in ("points", "few & large")
         for k in range(5)
     ]
     table = table_of(*rows, reference="b")
     assert {one.reference for one in (table, *table.parts[:2])} == {"b"}
+    text = to_latex(table)
+    assert r"{handles: few \& large}" in text and "\n% handles: few & large: Best in bold" in text
