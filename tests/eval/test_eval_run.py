@@ -278,4 +278,7 @@ def test_the_checksum_of_a_task_covers_all_that_a_method_reads():
         {"rotation": np.tile(np.eye(3), (2, 1, 1))},
     ]
     tasks += [DeformationTask("t", rest, Handles(**handles | change)) for change in changes]
-    assert len(set(map(environment.task_checksum, tasks))) == len(tasks) == 12
+    turned = Mesh(V, rest.F[:, ::-1])
+    tasks += [DeformationTask("t", turned, Handles(**handles)), TransferTask("t", turned, turned, 2 * V)]
+    tasks.append(DeformationTask("t", rest, Handles(**handles), refuse_unconstrained=True))
+    assert len(set(map(environment.task_checksum, tasks))) == len(tasks) == 15
