@@ -107,12 +107,8 @@ def test_a_case_counts_with_the_mean_over_its_seeds_and_the_spread_is_shown():
 
 
 def test_parts_of_a_table_have_their_notes_and_the_differences_to_the_wanted_method():
-    rows = [
-        row(name, f"{kind} {k}", task__meta__handles=kind)
-        for name in ("a", "b")
-        for kind in ("points", "few & large")
-        for k in range(5)
-    ]
+    tasks = [(f"{kind}{k}", kind) for kind in ("points", "few & large") for k in range(5)]
+    rows = [row(name, task, task__meta__handles=kind) for name in "ab" for task, kind in tasks]
     table = table_of(*rows, reference="b")
     assert {one.reference for one in (table, *table.parts[:2])} == {"b"}
     text = to_latex(table)
