@@ -194,6 +194,14 @@ def test_what_cannot_change_a_result_is_no_setting_at_any_depth():
     inner = {"_target_": "f", "size": 1}
     noted = inner | {"note": "n", "version": 2, "warm_up": {}, "_partial_": True}
     assert targets.settings({"_target_": "g", "inner": noted}) == {"_target_": "g", "inner": inner}
+    assert not targets.is_ours({"_target_": "sshade.deform", "inner": inner})
+    assert targets.flat({"sizes": [1, 2]}, "method") == {"method.sizes": "[1, 2]"}
+
+
+@pytest.mark.parametrize("given", [{"force": 1}, {"of": True}, {"of": 1.0}, {"split": 1}])
+def test_a_setting_of_another_type_is_refused(given):
+    with pytest.raises(InputError, match="does not fit"):
+        targets.check_parameters(config.RunSettings, given, target="run")
 
 
 def test_a_fresh_process_gives_the_same_result_and_a_peak_of_memory(task, tmp_path):
