@@ -129,5 +129,3 @@ def test_methods_that_cannot_be_told_apart_from_the_best_share_its_rank():
         }
     )
     assert places(of_cases, crossed(5, 1), EDGE).to_dict() == {"a": 1, "b": 1, "d": 1, "c": 4, "e": 4}
-    to_a = differences(of_cases, "a", crossed(5, 1), decimals=2)
-    assert (to_a["low"] > 0).to_dict() == {"a": False, "b": False, "c": True, "d": False, "e": True}
