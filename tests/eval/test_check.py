@@ -1,5 +1,6 @@
 """Golden values: what differs, is slow or sleeps fails, and new values need a higher version."""
 
+import re
 from math import inf
 from unittest.mock import patch
 
@@ -21,7 +22,7 @@ loose:
   - {methods: [bbw], tolerance: 0.5, measures: [edge]}
 slower: 1.6
 asleep: 0.1
-datasets: {}
+datasets: {unneeded: source=none}
 cases:
   bend: {task: hairpin around=12, methods: [arap, elastic], small: true}
   more: {task: hairpin around=14, methods: [arap, elastic], small: true}
@@ -96,6 +97,7 @@ def test_the_task_of_a_case_is_loaded_once():
 
 def test_a_changed_value_fails_until_a_version_rises(golden, capsys):
     right = bend(golden)["bend"]["edge"]
+    assert right == float(f"{right:.7g}")
     text = change(golden, **bend(golden, edge=right * 1.001))
     assert call("check", ["arap"]) == 1
     told = capsys.readouterr().out
@@ -104,6 +106,8 @@ def test_a_changed_value_fails_until_a_version_rises(golden, capsys):
     assert main(["check", "--write", "arap"]) == 2
     assert "raise `version` in conf/method/arap.yaml" in capsys.readouterr().err
     assert golden.read_text() == text
+    change(golden, version=9, **bend(golden))
+    assert main(["check", "--write", "arap"]) == 2  # a version that falls
     for name in ("version", "measures"):
         change(golden, **{name: 0}, **bend(golden, edge=right * 1.001))
         assert call("check", ["--write", "arap"]) == 0
@@ -126,9 +130,22 @@ def test_a_slow_method_fails_and_its_new_time_can_be_written(golden, paces, caps
     assert "time of tube  is too slow; takes 2.5, golden 1.5" in capsys.readouterr().out
     assert call("check", ["--write", "arap"]) == 0 and paces.asked == {"tube": False}
     assert call("check", ["arap"]) == 0 and paces.asked == {"tube": True}
+    text, paces.found = golden.read_text(), Pace(2.7, 0.0)
+    assert (
+        call("check", ["--only", "times", "--write", "arap"]) == 0 and golden.read_text() == text
+    )  # almost alike
+    assert "agrees" in capsys.readouterr().out
+    assert call("check", ["--only", "times", "arap"]) == 0 and "agrees" not in capsys.readouterr().out
     paces.found = Pace(1.5, 0.0)
     assert call("check", ["arap"]) == 0
     assert "time of tube  is faster; takes 1.5, golden 2.5" in capsys.readouterr().out
+
+
+def test_an_entry_gains_a_new_measure_without_a_look_at_times(golden, paces):
+    whole = yaml.safe_load(golden.read_text())
+    golden.write_text(re.sub(r"\bedge: [^,}]+, ", "", golden.read_text()))
+    assert call("check", ["--only", "values", "--write", "arap"]) == 0 and not hasattr(paces, "asked")
+    assert yaml.safe_load(golden.read_text()) == whole
 
 
 def test_a_sleeping_method_fails_whatever_is_written(golden, paces, capsys):

@@ -22,6 +22,7 @@ from eval.rows.frame import read_csv, records, write_csv
 from eval.rows.store import read_row, require_vertices, run_folders
 from eval.run import config, environment, fresh, targets
 from eval.run.attempt import TIME_LIMIT, attempt_task
+from eval.run.warmup import warm_up
 from sshade import DeformationResult, DeformationTask, Handles, InputError, Mesh, TransferTask
 from sshade.core.progress import silent
 from tests.shapes import bumpy
@@ -158,6 +159,7 @@ def test_the_key_follows_configuration_versions_task_and_seed(task, tmp_path, mo
     assert len(set(keys)) == 4
     # The keys warm_up and _partial_ do not change the result.
     assert key(method={**STRETCHING, "warm_up": {"factor": 1.0}, "_partial_": True}) == keys[0]
+    assert key(method=dict(reversed(STRETCHING.items()))) == keys[0]
     guess, renamed = replace(task, guess=task.mesh.V), replace(task, name="renamed")
     assert key(task=renamed) == keys[0] != key(task=guess)
     assert key(method={**STRETCHING, "version": 1}) == keys[0] != key(method={**STRETCHING, "version": 2})
@@ -192,6 +194,14 @@ def test_what_cannot_change_a_result_is_no_setting_at_any_depth():
     inner = {"_target_": "f", "size": 1}
     noted = inner | {"note": "n", "version": 2, "warm_up": {}, "_partial_": True}
     assert targets.settings({"_target_": "g", "inner": noted}) == {"_target_": "g", "inner": inner}
+    assert not targets.is_ours({"_target_": "sshade.deform", "inner": inner})
+    assert targets.flat({"sizes": [1, 2]}, "method") == {"method.sizes": "[1, 2]"}
+
+
+@pytest.mark.parametrize("given", [{"force": 1}, {"of": True}, {"of": 1.0}, {"split": 1}])
+def test_a_setting_of_another_type_is_refused(given):
+    with pytest.raises(InputError, match="does not fit"):
+        targets.check_parameters(config.RunSettings, given, target="run")
 
 
 def test_a_fresh_process_gives_the_same_result_and_a_peak_of_memory(task, tmp_path):
@@ -263,7 +273,17 @@ def test_a_tree_is_modified_by_files_that_can_change_numbers(tmp_path, monkeypat
         assert environment._commit.__wrapped__()[1] is modified
 
 
+def test_a_method_warms_up_once_for_its_settings(monkeypatch):
+    done = []
+    method = lambda task, *, factor, seed, progress=silent: done.append(factor)  # noqa: E731
+    monkeypatch.setattr("eval_cases.stretching", method)
+    for factor in (31.0, 31.0, 32.0):
+        warm_up(STRETCHING | {"factor": factor}, kind=DeformationTask)
+    assert done == [31.0, 32.0]
+
+
 def test_the_checksum_of_a_task_covers_all_that_a_method_reads():
+    assert environment.digest(b"ab", b"c") != environment.digest(b"a", b"bc")
     rest = bumpy(1)
     larger, V = Mesh(3 * rest.V, rest.F), rest.V
     one, same = TransferTask("t", rest, rest, 2 * V), TransferTask("other name", rest, rest, 2 * V, truth=V)
@@ -278,4 +298,7 @@ def test_the_checksum_of_a_task_covers_all_that_a_method_reads():
         {"rotation": np.tile(np.eye(3), (2, 1, 1))},
     ]
     tasks += [DeformationTask("t", rest, Handles(**handles | change)) for change in changes]
-    assert len(set(map(environment.task_checksum, tasks))) == len(tasks) == 12
+    turned = Mesh(V, rest.F[:, ::-1])
+    tasks += [DeformationTask("t", turned, Handles(**handles)), TransferTask("t", turned, turned, 2 * V)]
+    tasks.append(DeformationTask("t", rest, Handles(**handles), refuse_unconstrained=True))
+    assert len(set(map(environment.task_checksum, tasks))) == len(tasks) == 15

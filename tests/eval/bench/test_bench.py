@@ -11,9 +11,11 @@ import pytest
 from baselines import arap
 from eval.bench import quality, turns
 from eval.bench.bench import read_cases, write_tables
+from eval.bench.cases import moved
 from eval.bench.turns import ATTEMPTS, Job, Reading, take_turns, used_by_others
 from eval.main import call, main
 from eval.rows.frame import numbers, read_csv, write_csv
+from eval.run.warmup import tiny_transfer
 from sshade import InputError
 
 ONE = "paper-1=paper samplings=1 vertices=150"
@@ -52,6 +54,11 @@ def test_no_call_can_use_what_another_one_left(machine, case, monkeypatch):
     first, second, _ = (task.handles for task in given)
     gaps = np.linalg.norm(first.target - second.target, axis=1) / given[0].mesh.diagonal
     assert (gaps[first.dynamic] > 1e-8).all() and gaps.max() <= 2e-6 and (gaps[~first.dynamic] == 0).all()
+
+
+def test_calls_of_a_transfer_have_poses_of_their_own():
+    first, second = (moved(tiny_transfer(), number).posed for number in (1, 2))
+    assert 0 < np.abs(first - second).max() < 1e-5
 
 
 def test_a_method_that_remembers_is_refused(machine, case, monkeypatch, capsys):

@@ -1,5 +1,6 @@
 """Every measure agrees with its definition, by trimesh, libigl and SciPy, on faces that differ in size."""
 
+from dataclasses import replace
 from functools import cache
 
 import igl
@@ -178,6 +179,12 @@ def test_against_the_definition(name, open):
         assert measured[name] is None
     else:
         assert measured[name] == pytest.approx(DEFINITIONS[name](task, V), rel=1e-7) and measured[name] > 0
+
+
+def test_a_mesh_turned_inside_out_has_the_same_measures():
+    task, V, measured = example(open=False)
+    turned = replace(task, mesh=Mesh(task.mesh.V, task.mesh.F[:, ::-1]))
+    assert measure(turned, V) == pytest.approx(measured)
 
 
 def test_faces_that_intersect_at_rest_do_not_count():

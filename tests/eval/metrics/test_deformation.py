@@ -89,6 +89,19 @@ def test_a_face_that_loses_its_area_is_infinitely_distorted_and_one_without_is_l
     assert np.isnan(weighted_percentile(np.empty(0), np.empty(0), 50.0))
 
 
+def test_a_measure_without_a_finite_value_is_none():
+    def lacking(F, scale) -> set[str]:
+        V = np.vstack([np.zeros(3), np.eye(3), [0, 0, -1.0]])[: np.max(F) + 1]
+        return {
+            name for name, value in measure(task(Mesh(V, np.array(F))), scale * V).items() if value is None
+        }
+
+    assert lacking([[0, 1, 2], [0, 2, 1]], 2) == {"volume"}  # closed around nothing
+    three = lacking([[0, 1, 2], [1, 0, 3], [0, 1, 4]], 2)
+    assert three == {"volume", "bend", "bend_tail", "spike", "detail"}
+    assert lacking([[0, 1, 2], [1, 0, 3]], [1, 0, 1]) > {"volume", "distortion", "distortion_max"}
+
+
 OF_TRUTH = {name for name, metric in METRICS.items() if "truth" in metric.needs}
 OF_HANDLES = {"handle", "spike"}
 

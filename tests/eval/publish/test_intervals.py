@@ -1,7 +1,6 @@
 """Intervals of paired differences over subjects and poses, and ranks: brute force, coverage, refusals."""
 
 import math
-import re
 from itertools import combinations_with_replacement
 
 import numpy as np
@@ -13,7 +12,6 @@ from scipy import stats
 from eval.publish import resamples
 from eval.publish.columns import Column
 from eval.publish.intervals import LEVEL, Resampling, differences, interval, places
-from eval.publish.tables import to_markdown
 
 METHODS = ("elastic", "near", "far")
 EDGE = Column("edge", "%", "metric.edge", 2)
@@ -110,22 +108,13 @@ def test_neither_last_bits_nor_more_digits_than_are_printed_tell_methods_apart()
     assert places(of_cases, crossed(4, 3), EDGE).to_dict() == {"a": 1, "b": 1, "c": 1, "d": 4}
 
 
-@pytest.mark.parametrize(
-    ("subjects", "poses", "told"),
-    [
-        (2, 9, "over 2 subjects and 9 poses, and at least 3 subjects and 3 poses are needed"),
-        (4, 1, "over 4 cases (each subject has one pose), and at least 5 cases are needed"),
-    ],
-)
-def test_too_few_subjects_or_poses_have_neither_interval_nor_rank(subjects, poses, told):
+@pytest.mark.parametrize(("subjects", "poses"), [(2, 9), (4, 1)])
+def test_too_few_subjects_or_poses_have_neither_interval_nor_rank(subjects, poses):
     assert np.isnan(interval(np.ones((subjects * poses, 1)), crossed(subjects, poses))).all()
     cases = np.ones((subjects, poses))
     table = table_of(*(r for k, name in enumerate(METHODS) for r in on_cases(name, (k + 1) * cases)))
     assert table.differences == {} and table.places.isna().all(axis=None)
     assert table.means["EL"].to_dict() == {"elastic": 1.0, "far": 3.0, "near": 2.0}
-    text = to_markdown(table)
-    assert not re.search(r"\*\*|<u>|difference to|nearer", text)
-    assert f"No ranks and no intervals: the means are {told}." in text
 
 
 def test_methods_that_cannot_be_told_apart_from_the_best_share_its_rank():
@@ -140,5 +129,3 @@ def test_methods_that_cannot_be_told_apart_from_the_best_share_its_rank():
         }
     )
     assert places(of_cases, crossed(5, 1), EDGE).to_dict() == {"a": 1, "b": 1, "d": 1, "c": 4, "e": 4}
-    to_a = differences(of_cases, "a", crossed(5, 1), decimals=2)
-    assert (to_a["low"] > 0).to_dict() == {"a": False, "b": False, "c": True, "d": False, "e": True}

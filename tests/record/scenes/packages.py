@@ -147,17 +147,24 @@ def tables() -> Values:
             for k, truth in enumerate(truths)
         ]
 
+    no = {"env__commit": None}
     both = [*on("elastic", 4, 5, 6, 7, 8, 9), *on("b<_|", 1, 2, 3, 4, 5, None, env__jobs=2)]
     true = on("true pose", 0, 0, 0, 0, 0, 0, method__target="eval.metrics.measure")
     rows = {
         "two methods": [*both, *true],
         "few cases": [*both, *on("few", 1, None, None)],
         "no truth": [row("a"), row("b", "t2", metric__volume=None), lost("c")],
-        "seeds": [*on("s", 1, 2), *on("s", 2, 4, seed=1), *on("a", 3, 3)],
+        "seeds": [*on("s", 1, 2, **no), *on("s", 2, 4, seed=1, **no), *on("a", 3, 3, **no)],
         "versions": [row("fast", method__version=1), row("mine", method__method="fast"), row("new")],
         "settings": [
             row("a", method__start="rest"),
             row("b", method__start="rigid", method__note="one\ntwo"),
+            row("c", method__start="rigid"),
+        ],
+        "reasons": [
+            *on("a", *range(6)),
+            *(lost("b", f"s{k}/p", reason="often " * 40 if k else "once") for k in range(5)),
+            row("b", "s5/p"),
         ],
         "builds": [row("a"), row("a", task__checksum="d", seed=1), row("b")],
     }
