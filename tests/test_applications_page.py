@@ -1,11 +1,9 @@
 """The code and the commands of docs/applications.md run in their order, and agree with each other."""
 
-import re
-
 import numpy as np
 import pytest
 
-from docs.applications import PAGE, run_examples
+from docs.applications import run_examples
 from sshade import read
 
 pytest.importorskip("pymeshlab")
@@ -27,12 +25,3 @@ def test_the_examples_run_and_the_commands_give_what_the_code_gives(here, capfd)
     assert names["result"].vertices[:, 2].max() > names["armadillo"].V[:, 2].max() + 0.1  # an arm in front
     assert np.abs(names["distance"][names["binding"].sampling.samples] - names["coarse"]).max() < 1e-9
     assert (here / "distance.html").stat().st_size > 100_000
-
-
-def test_each_section_has_a_picture_code_and_a_command_or_says_that_it_has_none():
-    sections = PAGE.read_text(encoding="utf-8").split("\n## ")[1:]
-    for section in sections:
-        assert len(re.findall(r"\]\(figures/applications_\w+\.png\)", section)) == 1
-        assert "\n```python\n" in section
-        assert "\n```\nsshade " in section or "no\ncommand" in section
-    assert len(sections) == 5

@@ -86,40 +86,6 @@ def test_no_module_name_occurs_twice_in_a_package():
     assert [name for name, count in names.items() if count > 1] == []
 
 
-#: Number of calls in a file that splat a dictionary that the reader has to look for. A function's own
-#: ``**keyword`` parameters do not count. The test also fails for a file with fewer calls.
-ALLOWED = {
-    "baselines/accelerated.py": 1,
-    "defaust/configuration.py": 1,
-    "eval/bench/drags.py": 1,
-    "eval/check.py": 1,
-    "eval/run/config.py": 1,
-    "eval/run/targets.py": 2,
-    "sshade/edit/recovery.py": 1,
-    "sshade/method/transfer.py": 1,
-    "sshade/problem/facts.py": 1,
-    "sshade/problem/options.py": 3,
-    "sshade/proxy/binding_file.py": 1,
-    "sshade/solver/constraints.py": 3,
-}
-
-
-def splats(node, own=frozenset()):
-    """Yield each ``**value`` in the calls below `node` that is not one of the parameters `own`."""
-    if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda)) and node.args.kwarg:
-        own = own | {node.args.kwarg.arg}
-    for keyword in node.keywords if isinstance(node, ast.Call) else ():
-        if keyword.arg is None and not (isinstance(keyword.value, ast.Name) and keyword.value.id in own):
-            yield keyword.value
-    for child in ast.iter_child_nodes(node):
-        yield from splats(child, own)
-
-
-def test_calls_splat_only_parameters_of_their_function():
-    counts = {path.as_posix(): sum(1 for _ in splats(tree)) for path, tree in TREES.items()}
-    assert {name: count for name, count in counts.items() if count} == ALLOWED
-
-
 #: Readers of files, which other programs call; names that Blender and the program of sub-commands look up.
 FOR_OTHERS = {"read_handles", "read_mesh", "read_arrays", "read_task"}
 FOR_OTHERS |= {"add_arguments", "command", "register", "unregister"}

@@ -5,9 +5,9 @@ Three parts can be replaced: where handles go on the proxy, where vertices go on
 place of P (:mod:`sshade.proxy.projection`). Where two parts of the surface nearly touch, U puts vertices on
 the wrong part.
 
-Proof: with nothing replaced, results equal those of the method bit for bit; U takes the nearest of all
-triangles (tests/baselines/test_ablations.py); frames follow their formulas
-(tests/baselines/test_named_frames.py).
+Proof: with nothing replaced, results equal those of the method bit for bit, and frames follow their formulas
+(tests/baselines/test_named_frames.py); U takes the nearest of all triangles
+(tests/baselines/test_ablations.py).
 
 F. Maggioli, D. Baieri, S. Melzi, E. Rodola, "ReMatching: low-resolution representations for
 scalable shape correspondence", 2024.
