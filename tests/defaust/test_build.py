@@ -9,6 +9,7 @@ import sys
 import tracemalloc
 from dataclasses import replace
 from time import sleep
+from unittest.mock import Mock
 
 import psutil
 import pytest
@@ -151,6 +152,13 @@ class Killed(Balls):
         if multiprocessing.parent_process() is not None:
             os.kill(os.getpid(), signal.SIGKILL)
         return super().rest(subject)
+
+
+def test_a_build_has_as_many_processes_as_it_is_told(tmp_path, monkeypatch):
+    monkeypatch.setattr(module, "ProcessPoolExecutor", begin := Mock(side_effect=InterruptedError))
+    with pytest.raises(InterruptedError):
+        build(Balls(), tmp_path / "balls", options=OPTIONS, workers=2)
+    assert begin.call_args.args == (2,)
 
 
 def test_a_killed_process_of_a_build_is_told(tmp_path):

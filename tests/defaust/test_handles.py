@@ -6,6 +6,7 @@ import pytest
 from defaust.build.handles import choose_handles, displacement, handle_records, nearest_vertices
 from defaust.build.measures import case_facts
 from defaust.build.options import BuildOptions
+from defaust.folder.card import contradiction_texts
 from defaust.sources.source import SourcePose
 from defaust.sources.synthetic import SyntheticBodies
 from sshade import InputError, Mesh
@@ -98,6 +99,8 @@ def test_landmarks_that_disagree_are_listed():
     rest, facts = facts_of(lambda V: V + [0, 0, 4] * (V[:, :1] > 4.5), chosen={"a": near(3), "b": near(6)})
     pair = {"static": "a", "dynamic": "b", "apart": 1 / rest.diagonal, "distance": 4 / rest.diagonal}
     assert facts["contradictions"] == [pytest.approx(pair, abs=1e-6)]
+    (said,) = contradiction_texts({"subject": 0, "poses": [facts | {"pose": 1}]})
+    assert f"{pair['static']} stays, and the motion of {pair['dynamic']}, which is" in said
     _, far = facts_of(lambda V: V + [0, 0, 4] * (V[:, :1] > 4.5), chosen={"a": near(3), "b": near(15)})
     assert far["contradictions"] == []
     _, turned = facts_of(lambda V: rotated(V, 90, 4.5), chosen={"a": near(3), "b": near(6)})

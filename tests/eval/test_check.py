@@ -124,6 +124,12 @@ def test_one_part_is_compared_alone(golden, paces, capsys, part, code, lines):
     assert [line.partition("  is ")[0] for line in capsys.readouterr().out.splitlines()] == lines
 
 
+def test_values_that_agree_are_not_written_again(golden):
+    text = change(golden, **bend(golden, edge=(1 + 1e-6) * bend(golden)["bend"]["edge"]))
+    assert call("check", ["--write", "arap"]) == 0
+    assert yaml.safe_load(golden.read_text()) == yaml.safe_load(text)
+
+
 def test_a_slow_method_fails_and_its_new_time_can_be_written(golden, paces, capsys):
     paces.found = Pace(2.5, 0.0)
     assert call("check", ["arap"]) == 1 and paces.asked == {"tube": False}

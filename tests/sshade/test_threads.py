@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 import threading
+import weakref
 
 import numpy as np
 import pytest
@@ -33,6 +34,18 @@ def test_results_come_in_order_again_and_again(workers, count):
     assert in_threads(square, count, workers=workers) == in_threads(square, count) == expected
     with pytest.raises(InputError, match="0 workers were asked for; at least one is needed"):
         ThreadTeam(0)
+
+
+def test_a_waiting_team_holds_nothing_of_its_last_work():
+    meet, freed = threading.Barrier(2, timeout=20), threading.Event()
+    with ThreadTeam(2) as team:
+        for last in (True, False):  # the thread of the team takes part in both
+            held = threading.Thread()
+            if last:
+                weakref.finalize(held, freed.set)
+            team(lambda _, held=held: bool(held) and meet.wait() < 0, 2)
+            del held
+            assert not last or freed.wait(20)
 
 
 def test_a_team_works_at_the_same_time():

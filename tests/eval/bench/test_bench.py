@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from baselines import arap
-from eval.bench import quality, turns
+from eval.bench import jobs, quality, turns
 from eval.bench.bench import read_cases, write_tables
 from eval.bench.cases import moved
 from eval.bench.turns import ATTEMPTS, Job, Reading, take_turns, used_by_others
@@ -158,6 +158,14 @@ def test_the_share_of_others(busy, own, share):
     """The system counts whole ticks, so it may count less than the process."""
     before, after = Reading(100.0, 50.0, 40.0), Reading(110.0, 50 + busy, 40 + own)
     assert used_by_others(before, after, cores=2) == pytest.approx(share)
+
+
+def test_the_peak_of_a_call_is_that_since_the_call_began(monkeypatch):
+    told = []
+    monkeypatch.setattr(jobs, "reset_peak_memory", lambda: told.append("reset"))
+    monkeypatch.setattr(jobs, "process_memory", lambda name: told.append(name) or 3 << 20)
+    row = jobs._with_peak(Job({}, lambda: told.append("call") or {"a": 1}), 1 << 20)
+    assert told == ["reset", "call", "VmHWM"] and row == {"a": 1, "peak_mib": 2}
 
 
 def test_the_time_of_children_and_of_their_children_is_our_own(monkeypatch):

@@ -117,12 +117,13 @@ def rebinds() -> Values:
 @scene
 def sequence() -> Values:
     yield from posed(patches(count=8))
+    yield from posed(patches(SMALL, 8), vertices=12_000)  # more than the mesh has
 
 
 def posed(task: DeformationTask, **options: Any) -> Values:
     rest, target = task.mesh.V[task.handles.index], task.handles.target
     poses = [rest + share * (target - rest) for share in (0.2, 0.4, 3.0, 0.5)]
-    for number, result in enumerate(deform_sequence(task, poses, vertices=300, **options)):
+    for number, result in enumerate(deform_sequence(task, poses, **{"vertices": 300} | options)):
         yield f"pose {number}", result
 
 

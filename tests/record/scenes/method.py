@@ -50,6 +50,7 @@ SHARES = "core.threads.CHUNK", "core.threads.ROWS", "method.piece.LARGE", "solve
 
 #: Sizes from which on threads share work.
 SHARED_FROM = "core.threads.CHUNK", "core.threads.ROWS", "method.piece.LARGE", "solver.laplacian.HALF"
+SHARED_FROM += ("solver.factorisation.SHARED",)
 
 
 def halfway(task: DeformationTask, seed: int = 0, **_: Any) -> DeformationResult:
