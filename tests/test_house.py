@@ -79,13 +79,6 @@ def test_references_in_docstrings_and_comments_exist():
     assert [pair for pair in found if not exists(pair[1])] == [] and len(found) > 150
 
 
-def test_no_module_name_occurs_twice_in_a_package():
-    """Modules of sub-commands have the names of their sub-commands."""
-    paths = [path for path in TREES if path.parent.name != "cli" and not path.stem.startswith("__")]
-    names = Counter((path.parts[0], path.stem) for path in paths)
-    assert [name for name, count in names.items() if count > 1] == []
-
-
 #: Readers of files, which other programs call; names that Blender and the program of sub-commands look up.
 FOR_OTHERS = {"read_handles", "read_mesh", "read_arrays", "read_task"}
 FOR_OTHERS |= {"add_arguments", "command", "register", "unregister"}

@@ -115,15 +115,6 @@ def test_a_changed_value_fails_until_a_version_rises(golden, capsys):
     assert call("check", ["arap"]) == 0
 
 
-@pytest.mark.parametrize(
-    ("part", "code", "lines"), [("values", 0, ["arap  agrees"]), ("times", 1, ["time of tube"])]
-)
-def test_one_part_is_compared_alone(golden, paces, capsys, part, code, lines):
-    paces.found = Pace(2.5, 0.0)
-    assert call("check", ["--only", part, "arap"]) == code and hasattr(paces, "asked") == code
-    assert [line.partition("  is ")[0] for line in capsys.readouterr().out.splitlines()] == lines
-
-
 def test_values_that_agree_are_not_written_again(golden):
     text = change(golden, **bend(golden, edge=(1 + 1e-6) * bend(golden)["bend"]["edge"]))
     assert call("check", ["--write", "arap"]) == 0

@@ -11,12 +11,6 @@ from tests.sshade.blender.wheels import small_wheel
 PIP = [sys.executable, "-m", "pip", "install", "-q", "--no-deps", "--no-index", "--disable-pip-version-check"]
 
 
-def test_files_of_the_extension_name_their_licence():
-    texts = [path.read_text() for path in blender.ADDON.glob("*.py")]
-    assert len(texts) > 5
-    assert all(text.startswith("# SPDX-License-Identifier: MIT OR GPL-3.0-or-later\n") for text in texts)
-
-
 def test_the_own_wheel_installs_the_package_alone(tmp_path):
     """pip checks the RECORD."""
     wheel = blender.own_wheel(tmp_path)
