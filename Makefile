@@ -20,7 +20,7 @@
 PYTHON ?= python3
 PYTHONS ?= $(PYTHON)
 # Tests at once: one for each CPU, and one more, because some of them wait.
-WORKERS ?= $(shell $(PYTHON) -c 'import os; print(os.cpu_count() + 1)')
+WORKERS ?= $(shell $(BIN)/python -c 'from sshade.core.threads import available_cpus; print(available_cpus() + 1)')
 VENV   := .venv
 BIN    := $(VENV)/bin
 READY  := $(VENV)/.installed
