@@ -270,13 +270,16 @@ def command(options: argparse.Namespace) -> int:
     if unknown := [name for name in options.methods if name not in known]:
         raise InputError(f"there is no method {unknown[0]!r} to check; conf/method has the methods")
     methods = options.methods or known
+    compared = [] if options.only == "times" else methods
     timed = [one for one in golden.timed if one.method.split()[0] in methods and one.full <= options.full]
-    timed = timed if options.only != "values" else []
-    compared = methods if options.only != "times" else []
+    if options.only == "values":
+        timed = []
+    if not compared and not timed:
+        raise InputError(f"no time of {' or '.join(methods)} is measured; conf/golden.yaml has what is timed")
     tasks = [case.task for case in golden.cases] + [one.task for one in (golden.clock, *timed)]
     make_datasets(golden.rules["datasets"], tasks)
     labels = [f"time of {name}" for one in timed for name in one.names]
-    width = max(map(len, [*compared, *labels]), default=0)
+    width = max(map(len, [*compared, *labels]))
     results, wrong = [], []
     with progress_bar() as progress:
         for done, method in enumerate(compared):
