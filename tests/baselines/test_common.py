@@ -39,7 +39,7 @@ WRONG = [
     (neo_hookean, {"load_steps": 0}, "poisson"),
     (bounded_biharmonic_weights, {"qp_iterations": 0}, "active set"),
 ]
-#: Another value than the default for each parameter of these methods that is no switch.
+#: A value other than the default for each parameter, without switches.
 OTHER = {"energy": "spokes", "tolerance": 1e-2, "max_iterations": 2, "start": "rigid", "alpha": 0.2}
 OTHER |= {"nodes": 30, "blended": 2, "order": 2, "smoothness": 0.5}
 OTHER |= {"cells": 10, "handle_weight": 1.0, "neighbours": 9, "kernel": "cubic"}

@@ -163,7 +163,7 @@ def test_soft_handles_come_nearer_with_their_weight(method):
     task = held_ends(bumpy(2))
     options = {**COARSE, "start": "rigid", "max_iterations": 20}
     errors = [method(task, **options, handle_weight=w).extra["handle_error"] for w in (10.0, 100.0, 1000.0)]
-    assert errors[0] > 1.5 * errors[1] > 2.25 * errors[2]
+    assert errors[0] > 2 * errors[1] > 4 * errors[2]
     for weight in (0.0, -1.0, np.inf):
         with pytest.raises(InputError, match="handle_weight"):
             method(task, handle_weight=weight)

@@ -92,9 +92,8 @@ def test_a_face_that_loses_its_area_is_infinitely_distorted_and_one_without_is_l
 def test_a_measure_without_a_finite_value_is_none():
     def lacking(F, scale) -> set[str]:
         V = np.vstack([np.zeros(3), np.eye(3), [0, 0, -1.0]])[: np.max(F) + 1]
-        return {
-            name for name, value in measure(task(Mesh(V, np.array(F))), scale * V).items() if value is None
-        }
+        found = measure(task(Mesh(V, np.array(F))), scale * V)
+        return {name for name, value in found.items() if value is None}
 
     assert lacking([[0, 1, 2], [0, 2, 1]], 2) == {"volume"}  # closed around nothing
     three = lacking([[0, 1, 2], [1, 0, 3], [0, 1, 4]], 2)

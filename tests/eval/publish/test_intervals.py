@@ -115,6 +115,11 @@ def test_too_few_subjects_or_poses_have_neither_interval_nor_rank(subjects, pose
     table = table_of(*(r for k, name in enumerate(METHODS) for r in on_cases(name, (k + 1) * cases)))
     assert table.differences == {} and table.places.isna().all(axis=None)
     assert table.means["EL"].to_dict() == {"elastic": 1.0, "far": 3.0, "near": 2.0}
+    told = {
+        2: "over 2 subjects and 9 poses, and at least 3 subjects and 3 poses are needed",
+        4: "over 4 cases (each subject has one pose), and at least 5 cases are needed",
+    }
+    assert f"No ranks and no intervals: the means are {told[subjects]}." in " ".join(table.notes)
 
 
 def test_methods_that_cannot_be_told_apart_from_the_best_share_its_rank():
@@ -129,3 +134,5 @@ def test_methods_that_cannot_be_told_apart_from_the_best_share_its_rank():
         }
     )
     assert places(of_cases, crossed(5, 1), EDGE).to_dict() == {"a": 1, "b": 1, "d": 1, "c": 4, "e": 4}
+    to_a = differences(of_cases, "a", crossed(5, 1), decimals=2)
+    assert (to_a["low"] > 0).to_dict() == {"a": False, "b": False, "c": True, "d": False, "e": True}

@@ -120,10 +120,10 @@ def sequence() -> Values:
     yield from posed(patches(SMALL, 8), vertices=12_000)  # more than the mesh has
 
 
-def posed(task: DeformationTask, **options: Any) -> Values:
+def posed(task: DeformationTask, vertices: int = 300, **options: Any) -> Values:
     rest, target = task.mesh.V[task.handles.index], task.handles.target
     poses = [rest + share * (target - rest) for share in (0.2, 0.4, 3.0, 0.5)]
-    for number, result in enumerate(deform_sequence(task, poses, **{"vertices": 300} | options)):
+    for number, result in enumerate(deform_sequence(task, poses, vertices=vertices, **options)):
         yield f"pose {number}", result
 
 
@@ -162,7 +162,7 @@ def transfers() -> Values:
     ):
         task, reports = TransferTask("t", Mesh(edited, BODY.F), BODY, bent(BODY.V)), []
         report = lambda *words: reports.append(str(words))  # noqa: E731, B023
-        yield "transferred", transfer(task, **{"vertices": 150, "seed": 2, "progress": report} | more)
+        yield "transferred", transfer(task, vertices=150, seed=2, progress=report, **more)
         yield "reports", sorted(reports)
 
 

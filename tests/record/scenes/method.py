@@ -46,9 +46,6 @@ TOUCHING = beside(SMALL, shifted(SMALL, SMALL.V[B[-1]] - SMALL.V[B[0]]))
 NEARER = beside(SMALL, Mesh(SMALL.V[[10, 50, 90]], [[0, 1, 2]]))
 
 #: Sizes from which on threads share work.
-SHARES = "core.threads.CHUNK", "core.threads.ROWS", "method.piece.LARGE", "solver.laplacian.HALF"
-
-#: Sizes from which on threads share work.
 SHARED_FROM = "core.threads.CHUNK", "core.threads.ROWS", "method.piece.LARGE", "solver.laplacian.HALF"
 SHARED_FROM += ("solver.factorisation.SHARED",)
 
@@ -130,9 +127,8 @@ def dense() -> Values:
     yield from solved(task, method="interpolate")
     yield from solved(task, vertices=400)
     pair, half = Mesh(9 * TOUCHING.V, TOUCHING.F), np.arange(0, SMALL.n, 2)
-    yield from solved(
-        DeformationTask("t", pair, Handles(half, 9 * bent(SMALL.V)[half])), method="interpolate"
-    )
+    own = Handles(half, 9 * bent(SMALL.V)[half])
+    yield from solved(DeformationTask("t", pair, own), method="interpolate")
 
 
 @scene
