@@ -20,11 +20,11 @@ def busy(seconds):
 def calls(monkeypatch):
     """Return a mapping that tests fill with what is called for a name in each round."""
     told = {}
-    monkeypatch.setattr(Timed, "calls", lambda one: [told[one.name]])
+    monkeypatch.setattr(Timed, "calls", lambda one: [told[name] for name in one.names])
     return told
 
 
-CLOCK, ONE = (Timed(name, "task", "method") for name in ("clock", "one"))
+CLOCK, ONE = (Timed(name, "", "") for name in ("clock", "one"))
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux shows the states of threads")
@@ -34,18 +34,22 @@ def test_work_and_sleep_are_told_apart(calls):
     assert 0.4 < time < 0.7 and 0.2 < asleep < 0.4
 
 
-def test_a_call_gets_further_rounds_until_its_least_time_is_enough(monkeypatch, calls):
-    """The clock takes 2 s at least; the call takes 8, 5, and then 6 s."""
-    clock, one, asked = iter([3, 2, 4, 4]), iter([8, 5, 6]), []
-
-    def enough(name, pace):
-        asked.append((name, *pace))
-        return pace.time < 3
-
-    calls |= {"clock": lambda: next(clock), "one": lambda: next(one)}
+def test_a_drag_gets_further_rounds_until_both_its_least_times_are_enough(monkeypatch, calls):
+    """The clock takes 2 s at least; slow parts take 8 and then 5 s, and nothing is called again."""
+    seconds = {
+        "clock": [3, 2, 4, 4],
+        "a_bind": [8, 5],
+        "a_steps": [3, 4],
+        "b_bind": [3, 4],
+        "b_steps": [8, 5],
+    }
+    seconds["one"] = [3]
+    calls |= {name: iter(told).__next__ for name, told in seconds.items()}
     monkeypatch.setattr(eval.pace._Meter, "of", lambda meter, call: Pace(call(), 0.25))
-    assert paces(CLOCK, [ONE], enough) == {"one": Pace(2.5, 0.25)}
-    assert asked == [("one", 4.0, 0.25), ("one", 2.5, 0.25)] and next(one) == 6
+    drags = [Timed(name, "", "", drag=True) for name in "ab"]
+    found = paces(CLOCK, [ONE, *drags], lambda name, pace: pace.time < 3)
+    times = {"one": 1.5, "a_bind": 2.5, "a_steps": 1.5, "b_bind": 1.5, "b_steps": 2.5}
+    assert found == {name: Pace(time, 0.25) for name, time in times.items()}
 
 
 def test_calls_drags_and_regions_are_timed():
