@@ -36,20 +36,15 @@ def test_work_and_sleep_are_told_apart(calls):
 
 def test_a_drag_gets_further_rounds_until_both_its_least_times_are_enough(monkeypatch, calls):
     """The clock takes 2 s at least; slow parts take 8 and then 5 s, and nothing is called again."""
-    seconds = {
-        "clock": [3, 2, 4, 4],
-        "a_bind": [8, 5],
-        "a_steps": [3, 4],
-        "b_bind": [3, 4],
-        "b_steps": [8, 5],
-    }
-    seconds["one"] = [3]
+    slow, fast = [8, 5], [3, 4]
+    seconds = {"a_bind": slow, "a_steps": fast, "b_bind": fast, "b_steps": slow}
+    seconds |= {"clock": [3, 2, 4, 4], "one": [3]}
     calls |= {name: iter(told).__next__ for name, told in seconds.items()}
     monkeypatch.setattr(eval.pace._Meter, "of", lambda meter, call: Pace(call(), 0.25))
     drags = [Timed(name, "", "", drag=True) for name in "ab"]
     found = paces(CLOCK, [ONE, *drags], lambda name, pace: pace.time < 3)
-    times = {"one": 1.5, "a_bind": 2.5, "a_steps": 1.5, "b_bind": 1.5, "b_steps": 2.5}
-    assert found == {name: Pace(time, 0.25) for name, time in times.items()}
+    times = {name: 2.5 if seconds[name] is slow else 1.5 for name in found}
+    assert found == {name: Pace(times[name], 0.25) for name in ("one", *drags[0].names, *drags[1].names)}
 
 
 def test_calls_drags_and_regions_are_timed():
