@@ -25,7 +25,6 @@ from numba.core.registry import CPUDispatcher
 
 import sshade
 from defaust.cli import EXTRAS as OF_DEFAUST
-from eval import EXTRAS
 from eval import EXTRAS as OF_EVAL
 from sshade.core.console import EXTRAS as OF_SSHADE
 
@@ -196,7 +195,7 @@ def test_help_imports_no_library(program):
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     *text, modules = run.stdout.splitlines()
     assert run.returncode == 0 and len(text) > 5
-    assert not {"numpy", "scipy", "numba", "yaml", *HEAVY, *EXTRAS} & set(modules.split())
+    assert not {"numpy", "scipy", "numba", "yaml", *HEAVY, *OF_EVAL} & set(modules.split())
 
 
 def test_names_of_the_package_are_found_when_they_are_asked_for():

@@ -24,6 +24,9 @@ def names(group):
 
 
 METHODS = methods("", "peer", "transfer")
+#: Settings of the solver, which methods share, and those that a method has of its own.
+COMMON = {"tolerance": 7e-4, "max_iterations": 77, "start": "rest"}
+OWN = {"accelerated_arap_sr": {"tolerance"}, "peer/neo_hookean": {"max_iterations"}}
 
 
 def method_of(config):
@@ -32,10 +35,20 @@ def method_of(config):
 
 @pytest.mark.parametrize("name", METHODS)
 def test_method_composes_and_names_every_parameter_of_its_function(name):
-    """A row then records every parameter of its method, and a command line can change every parameter."""
-    config = composed([f"method={name}"])
+    """A row then records every parameter of its method, and a command line can change every parameter.
+
+    What a file sets itself stays so, and what several methods share follows the common settings.
+    """
+    common = {f"solver.{key}": value for key, value in COMMON.items()} | {"proxy.vertices": 111}
+    config = composed([f"method={name}", "proxy.better=222", *(f"{k}={v}" for k, v in common.items())])
     assert config.label == name
     plain = method_of(config)
+    file = OmegaConf.to_container(OmegaConf.load(CONFIGURATION / f"method/{name}.yaml"), resolve=False)
+    own = {key: value for key, value in file.items() if key != "defaults" and "${" not in str(value)}
+    assert own.items() <= plain.items()
+    shared = COMMON | {"vertices": 222 if plain.get("method") in ("fast", "fine") else 111}
+    differ = {key for key in shared if plain.get(key, shared[key]) != shared[key]}
+    assert differ == OWN.get(name, set())
     function = instantiate(plain).func
     hints = parameter_hints(function)
     assert set(inspect.signature(Method.__call__).parameters) - {"self"} <= set(hints)

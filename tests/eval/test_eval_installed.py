@@ -88,12 +88,14 @@ def editable(tmp_path_factory) -> Editable:
     return Editable(tmp_path_factory.mktemp("editable"))
 
 
-def test_python_finds_an_editable_installation_beside_the_clone_and_folders_of_our_names(editable):
+def test_python_finds_an_editable_installation_beside_folders_of_our_names(editable, own_folder):
     for name in ("eval", "tests", "defaust", "baselines"):
         (editable.parent / name).mkdir()
     code = "import sshade, eval.main, defaust.cli, baselines.identity; print(sshade.read, sshade.__file__)"
     done = editable.python(editable.parent, code)
     assert str(editable.parent / "sshade" / "sshade") in done.stdout, done.stderr
+    for safe in ("", "1"):
+        assert editable.script(own_folder, "sshade-eval", "--help", safe=safe).returncode == 0
 
 
 @pytest.mark.full
@@ -101,7 +103,6 @@ def test_commands_and_workers_find_our_packages_before_packages_of_the_same_name
     sweep = ["run", "-m", *MINE, "dataset=hairpin", "hydra/launcher=joblib", "hydra.launcher.n_jobs=2"]
     done = editable.script(own_folder, "sshade-eval", *sweep, "run.fresh=true")
     assert done.returncode == 0, done.stderr
-    assert editable.script(own_folder, "sshade-eval", "--help", safe="1").returncode == 0
     (row,) = records(collect(own_folder / "out/runs/single"))
     assert (row["method.target"], row["status"]) == ("mymethod.mine", "ok") and row["peak_mib"] > 10
 

@@ -6,13 +6,11 @@ import pytest
 from eval_rows import frame, row
 
 from eval.main import call
-from eval.publish.summary import make_table
-from eval.publish.tables import to_markdown
 from eval.rows import splits
 from eval.rows.collect import read_experiments
 from eval.rows.frame import newest, read_csv, records, write_csv
 from eval.rows.splits import HELD_OUT, TUNING, split_of
-from eval.rows.store import read_row, write_row, write_run
+from eval.rows.store import write_run
 from sshade import InputError
 
 
@@ -34,19 +32,6 @@ def test_a_cell_may_be_long_and_a_file_that_is_no_text_is_refused(tmp_path):
     (tmp_path / "r.csv").write_bytes(b"\xff")
     with pytest.raises(InputError, match="not a readable CSV file"):
         read_csv(tmp_path / "r.csv")
-
-
-@pytest.mark.parametrize("label", ["5.0", "1e3", "true", "nan", "inf", "007", "a|b"])
-def test_a_label_that_looks_like_a_number_is_a_name(label, tmp_path):
-    write_csv(tmp_path / "r.csv", frame(row(label), row("arap")))
-    written = (tmp_path / "r.csv").read_bytes()
-    (tmp_path / "r.csv").write_bytes(b"\xef\xbb\xbf" + written)  # as a spreadsheet does
-    rows = read_csv(tmp_path / "r.csv")
-    assert [*rows] == [*frame(row(label))]
-    assert set(rows["method.name"]) == {label, "arap"}
-    write_row(tmp_path, row(label))
-    assert read_row(tmp_path)["method.name"] == label
-    assert f"| {label.replace('|', chr(92) + '|')} | 1 |" in to_markdown(make_table(rows, title="t"))
 
 
 def test_a_rebuilt_dataset_replaces_the_old_and_copies_of_one_are_one():
