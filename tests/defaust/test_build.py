@@ -16,7 +16,6 @@ import pytest
 
 from defaust.build import workers as module
 from defaust.build.dataset import _difference, build
-from defaust.build.lock import sole_builder
 from defaust.build.verify import verify
 from defaust.folder.layout import sha256
 from defaust.folder.record import read_dataset
@@ -110,13 +109,6 @@ def test_another_configuration_is_refused(dataset, source, options, message):
         build(source, dataset, options=options, workers=1)
 
 
-def test_one_process_at_a_time_builds_in_a_folder(tmp_path):
-    refused = pytest.raises(InputError, match="another process builds there; wait")
-    with sole_builder(tmp_path / "out"), refused:
-        build(Balls(), tmp_path / "out", options=KEPT, workers=1)
-    assert not (tmp_path / "out").exists()  # nothing was built in the new folder
-
-
 class Odd(Balls):
     """Balls: nothing moves in subject 0, subject 1 has no poses, and in subject 2 only the first moves."""
 
@@ -158,7 +150,7 @@ def test_a_build_has_as_many_processes_as_it_is_told(tmp_path, monkeypatch):
     monkeypatch.setattr(module, "ProcessPoolExecutor", begin := Mock(side_effect=InterruptedError))
     with pytest.raises(InterruptedError):
         build(Balls(), tmp_path / "balls", options=OPTIONS, workers=2)
-    assert begin.call_args.args == (2,)
+    assert begin.call_args.args == (2,) and begin.call_args.kwargs.keys() == {"mp_context", "initializer"}
 
 
 def test_a_killed_process_of_a_build_is_told(tmp_path):

@@ -17,9 +17,10 @@ from tests.shapes import end_handles, icosphere
 
 
 def test_a_task_without_ground_truth_has_a_reason(dataset):
-    low = read_mesh(dataset / "subject_00/rest_low.ply")
-    write_mesh(dataset / "subject_00/rest_low.ply", 1.02 * low.V, low.F)
-    relist(dataset, "subject_00/rest_low.ply")
+    high = read_mesh(dataset / "subject_00/rest.ply")
+    off = 1e-4 * (np.arange(high.n) == 9)[:, None]  # a single vertex
+    write_mesh(dataset / "subject_00/rest.ply", high.V + off, high.F)
+    relist(dataset, "subject_00/rest.ply")
     task = load_task(dataset, subject=0, pose=1)
     assert task.truth is None and "was not made from the subdivided registered mesh" in task.meta["no_truth"]
     assert "posed_by" not in task.meta and len(task.handles) > 0

@@ -34,7 +34,7 @@ HELPERS, LEAST = f"{ROOT}sshade{os.sep}core{os.sep}", 5
 COUNTS = sys.version_info < (3, 12)
 #: Functions of other libraries that take long.
 HEAVY = {"splu", "eigsh", "eigh", "svd", "lstsq", "expm", "ConvexHull", "Delaunay", "dijkstra", "min_weight"}
-HEAVY |= {"safe_load"}
+HEAVY |= {"safe_load", "file_digest"}
 
 
 def transcripts() -> list[str]:

@@ -130,6 +130,10 @@ def tasks() -> Values:
         yield str(options), load_task("balls", subject=1, pose=1, **options)
     with mock.patch("defaust.tasks.load._truth", None):  # which takes seconds for a large mesh
         yield "untrue", load_task("balls", subject=1, pose=1, truth=False)
+
+
+@scene
+def edits() -> Values:
     mesh = bumpy(4)
     for name, edit in EDITS.items():
         yield name, edit(mesh)
