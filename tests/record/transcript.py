@@ -4,15 +4,17 @@ A transcript is a text file of ``tests/record/commands``. Its first lines say wh
 function of :mod:`tests.record.inputs` writes the files. A line that begins with ``> `` has the name and the
 content of a further file, with escapes as in Python's bytes. A line that begins with ``$ `` is a command; the
 lines below it are recorded: what the command says, its exit code if it is not 0, and what each file holds
-that is new or has changed. A line that begins with ``>>> `` is Python; its value, its warnings or its error
-are recorded, and the files. A line that begins with ``@ `` has actions of a user on a page, which node plays;
-``@ open`` opens the page of a session or of a file, the value of Python. A line that begins with ``% `` is a
-command of which the functions that it calls more than once are recorded: see :mod:`tests.record.work`.
+that is new or has changed. A line that begins with ``>>> `` is Python, which goes on in lines that begin with
+``... ``; its value, its warnings or its error are recorded, and the files. A line that begins with ``@ `` has
+actions of a user on a page, which node plays; ``@ open`` opens the page of a session or of a file, the value
+of Python. A line that begins with ``% `` is a command of which the functions that it calls more than once are
+recorded: see :mod:`tests.record.work`.
 """
 
 import re
 import warnings
 from collections.abc import Iterator
+from itertools import takewhile
 from pathlib import Path
 from types import CodeType
 from typing import Any
@@ -27,6 +29,7 @@ from tests.robustness.case import run
 
 HERE = Path(__file__).parent / "commands"
 INPUT, FILE, COMMAND, PYTHON, PAGE, WORK = "Files: ", "> ", "$ ", ">>> ", "@ ", "% "
+FURTHER = "... "
 OPEN = "open "
 #: Names of recovery files, which vary, and files that are not recorded.
 RECOVERY = re.compile(r"\.recovery-[0-9a-f]{6}\b")
@@ -50,15 +53,17 @@ def played(lines: list[str]) -> list[str]:
     made = [line for line in head if line]
     with Page() as page:
         known: dict[str, Any] = {"page": page}
-        for line in lines:
+        for i, line in enumerate(lines):
             if line.startswith(INPUT):
                 getattr(inputs, line.removeprefix(INPUT))()
             elif line.startswith(begins):
                 begin = next(begin for begin in begins if line.startswith(begin))
-                if not made[-1].startswith((FILE, PYTHON)):
+                if not made[-1].startswith((FILE, PYTHON, FURTHER)):
                     made.append("")
-                made.append(line)
-                made += _effects(begin, line.removeprefix(begin), known)
+                whole = [line, *takewhile(lambda line: line.startswith(FURTHER), lines[i + 1 :])]
+                made += whole
+                text = "\n".join(part.removeprefix(begin).removeprefix(FURTHER) for part in whole)
+                made += _effects(begin, text, known)
     return made
 
 
