@@ -1,6 +1,5 @@
 """Sessions of the editor, as the page asks for them."""
 
-import gc
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -15,7 +14,7 @@ from sshade.files.task_files import write_handles
 from tests.record.scenes.scene import Values, outcomes, scene
 from tests.shapes import beside, bumpy, moved_parts, rotation, shifted
 from tests.sshade.edit.lent import unpacked
-from tests.sshade.edit.sessions import begun, edited, ends, switched
+from tests.sshade.edit.sessions import added, begun, edited, ends, switched
 from tests.sshade.mesh.test_cutting import t_fin
 
 MOVE = {"pivot": [0, 0, 0.3], "move": [0.1, 0, 0.05], "quaternion": [0.1, 0, 0, 1]}
@@ -63,6 +62,7 @@ def edits() -> Values:
     yield "select", unpacked(commands.select(high, "replace"))
     yield said("mark", kind="moved")
     move = {"group": 2, **MOVE}
+    yield said("drag", **move)
     yield said("drag", **move)
     yield said("release", **move)
     yield said("settle")
@@ -153,33 +153,31 @@ def editor_of_parts() -> Values:
             axis = 2 if name == "parts" else 0
             x = np.where(mesh.V[:, 0] < 2, mesh.V[:, axis], 0) if name == "parts" else mesh.V[:, 0]
             for kind, own in (("fixed", x < x.min() + 0.9), ("moved", x > x.max() - 0.9)):
-                session.select(np.flatnonzero(own), "replace")
-                session.mark(kind)
+                added(session, np.flatnonzero(own), kind)
             said = asked(Commands(session))
             for command in ("drag", "drag", "release", "drag", "settle"):
                 yield f"{name} {command}", brief(said(command, group=2, **MOVE))[1]
-            del session, said
-            gc.collect()
         with mock.patch("sshade.edit.dragging.REBOUND", 0):  # as on a large mesh
             session = begun(bumpy(3), method="fine")
             said = asked(Commands(session))
-            for kind, k in (("fixed", 0), ("moved", 1), ("fixed", 2)):
-                own = ends(session.mesh.V)[k] if k < 2 else np.flatnonzero(np.abs(session.mesh.V[:, 2]) < 0.1)
-                session.select(own, "replace")
-                session.mark(kind)
-                yield brief(said("drag", group=2, **MOVE)) if k else ("kept", session.state.made)
-        for command, given in (("limit", {"group": 2, "distance": 0.6}), ("set_up", {"method": "paper"})):
-            said(command, **given)
-            yield command, said("drag", group=2, **MOVE)
-        del session, said  # sessions hold each other in cycles, and the peak of memory is recorded
-        gc.collect()
+            low, high = ends(session.mesh.V, 0.08)  # so small that the samples of the first groups serve
+            band = np.flatnonzero(np.abs(session.mesh.V[:, 2]) < 0.1)
+            for kind, own in (("fixed", low), ("moved", high), ("fixed", band)):
+                added(session, own, kind)
+                yield ("kept", session.state.made) if own is low else brief(said("drag", group=2, **MOVE))
+            for command, given in (
+                ("alter", {"group": 1, "weight": 2.0}),
+                ("remove", {"group": 3}),
+                ("limit", {"group": 2, "distance": 0.6}),
+                ("set_up", {"method": "paper"}),
+            ):
+                said(command, **given)
+                yield command, said("drag", group=2, **MOVE)
         with mock.patch("sshade.edit.preview.VERTICES", 100):  # what the page of a large mesh gets
             session = switched(single=False)
             said = asked(Commands(session))
             for command in ("drag", "release", "settle"):
                 yield f"large {command}", brief(said(command, group=2, **MOVE))
-        del session, said
-        gc.collect()
         session = switched(single=True)
         said = asked(Commands(session))
         for command, number in (("drag", 2), ("drag", 3), ("release", 3), ("settle", 3), ("drag", 5)):

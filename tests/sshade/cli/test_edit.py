@@ -66,7 +66,7 @@ def test_a_browser_opens_with_the_saved_method_and_unsaved_handles_are_told(monk
     monkeypatch.setattr("sshade.cli.edit.webbrowser.open", lambda address: opened.append(address) or False)
     monkeypatch.setattr("sshade.edit.server.Server.serve_forever", serve)
     monkeypatch.setattr("sshade.edit.server.Server.close", lambda self: None)
-    saved = json.loads(Path("pose.json").read_text()) | {"made": {"method": "fine", "joints": 0.5}}
+    saved = json.loads(Path("pose.json").read_text()) | {"made": {"method": "fine", "joints": 0}}
     Path("pose.json").write_text(json.dumps(saved))
     assert main(["edit", "body.ply", "pose.json"]) == 0
     out, err = capsys.readouterr()
@@ -74,7 +74,7 @@ def test_a_browser_opens_with_the_saved_method_and_unsaved_handles_are_told(monk
     (kept,) = Path().glob("body.ply.recovery-*.npz")
     assert err.endswith(f"note: the handles were not saved; {kept} keeps them for the next start\n")
     assert main(["edit", "body.ply", "--no-browser"]) == 0
-    assert len(opened) == 1 and methods == [{"method": "fine", "joints": 0.5}, {"method": "fast"}]
+    assert len(opened) == 1 and methods == [{"method": "fine", "joints": 0}, {"method": "fast"}]
 
 
 def test_a_port_that_is_in_use_is_told():
