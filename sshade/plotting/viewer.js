@@ -115,7 +115,10 @@
   function clear() {
     for (const { group } of shown?.sides ?? []) {
       scene.remove(group);
-      for (const part of group.children) part.geometry.dispose();
+      for (const part of group.children) {
+        part.geometry.dispose();
+        part.dispose?.(); // places and colours of spheres
+      }
     }
   }
 

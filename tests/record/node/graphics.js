@@ -43,7 +43,7 @@ export class Renderer {
 
   constructor({ canvas, ...settings }) {
     if (Renderer.fails) throw new Error("no WebGL");
-    Object.assign(this, { domElement: canvas ?? document.createElement("canvas"), target: null, alpha: 1, kept: new WeakMap(), view: [0, 0], cut: null });
+    Object.assign(this, { domElement: canvas ?? document.createElement("canvas"), target: null, alpha: 1, kept: new WeakMap(), card: new Set(), view: [0, 0], cut: null });
     Renderer.told({ renderer: JSON.stringify(settings) });
   }
 
@@ -77,7 +77,18 @@ export class Renderer {
     shown[`${at}size`] = `${this.size} of ratio ${this.ratio}`;
     shown[`${at}camera`] = `${row(camera.position.toArray())}, looks ${row(camera.quaternion.toArray())}, lens ${row([0, 5, 10, 14].map((k) => camera.projectionMatrix.elements[k]))}`;
     this.describe(scene, camera, shown, at);
+    const held = new Set();
+    scene.traverse((object) => held.add(object).add(object.geometry));
+    const left = [...this.card].filter((one) => !held.has(one));
+    if (left.length) shown[`${at}left on the card`] = left.map((one) => one.type).join(", ");
     return Renderer.told(shown, at);
+  }
+
+  // Keep an object on the graphics card until it is disposed of.
+  keep(object) {
+    if (this.card.has(object)) return;
+    this.card.add(object);
+    object.addEventListener("dispose", () => this.card.delete(object));
   }
 
   // The content of an attribute when it was last sent to the graphics card.
@@ -108,6 +119,8 @@ export class Renderer {
     const kind = mesh.isInstancedMesh ? (all[0].transparent ? "goals" : "handles") : all[0].wireframe ? "wires"
       : Array.isArray(material) ? "skin" : all[0].isShaderMaterial ? "floor" : "surface";
     const name = `${at}${kind} of ${mesh.isInstancedMesh ? mesh.count : attributes.position.count}`;
+    this.keep(geometry);
+    if (mesh.isInstancedMesh) this.keep(mesh);
     const index = geometry.index && this.sent(geometry.index);
     shown[name] = `${mesh.isInstancedMesh ? "" : sum(index)} ${all.map(settings).join("; ")} ${sum(JSON.stringify(geometry.groups))}${mesh.frustumCulled ? " culled" : ""}`.trim();
     if (mesh.isInstancedMesh) {
