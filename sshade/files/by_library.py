@@ -147,8 +147,9 @@ def _with_pyvista(path: Path) -> MeshFile:
         def content(posed: np.ndarray, output: Path) -> bytes:
             moved = found.moved(posed)
             if output.suffix.lower() == ".vtk":
-                version, _, rest = _bytes(output, moved.save).split(b"\n", 2)
-                return b"\n".join([version, (title or f"SPACE={space}").encode(), rest])
+                version, usual, rest = _bytes(output, moved.save).split(b"\n", 2)
+                declared = f"SPACE={space}".encode() if space else usual
+                return b"\n".join([version, title.encode() or declared, rest])
             if space:
                 moved.field_data["SPACE"] = [space]
             return _bytes(output, moved.save)
