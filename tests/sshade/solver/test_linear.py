@@ -1,5 +1,3 @@
-from unittest.mock import Mock
-
 import numpy as np
 import pytest
 from scipy.sparse.linalg import spsolve
@@ -10,7 +8,6 @@ from sshade import DeformationTask, Handles, Mesh
 from sshade.core.threads import ThreadTeam
 from sshade.solver.aim import Aim
 from sshade.solver.multigrid import ConjugateGradients, Multigrid, VCycle
-from sshade.solver.quasi_newton import QuasiNewton
 from sshade.solver.solution import Solution
 from tests.shapes import bumpy, held_ends, jittered, tube
 from tests.sshade.solver.solver import Solver
@@ -106,14 +103,6 @@ def test_large_meshes_are_not_factorised_by_default(monkeypatch):
     assert energy() == energy(factorised=True) != energy(factorised=False)
     monkeypatch.setattr("sshade.solver.local_global.FACTORISED", BALL.mesh.n - 1)
     assert energy() == energy(factorised=False)
-
-
-@pytest.mark.parametrize("multigrid", [False, True])
-def test_steps_have_single_precision_without_a_factorisation(monkeypatch, multigrid):
-    made = Mock(wraps=QuasiNewton)
-    monkeypatch.setattr("sshade.solver.descent.QuasiNewton", made)
-    solve(BALL, multigrid=multigrid, max_iterations=1)
-    assert made.call_args.kwargs["single"] == multigrid
 
 
 def test_bits_do_not_depend_on_threads(monkeypatch):

@@ -205,9 +205,11 @@ def test_ranges_and_workers_change_no_bit(monkeypatch, energy, options):
     if energy == "spokes":  # only triangles soften
         options = {name: value for name, value in options.items() if name != "stiffness"}
     task, options = TASKS["bar"], {"max_iterations": 12, "tolerance": 0, **options}
-    whole = solver_of(task, energy, thickness=1.0).solve(Aim(task.handles.target), **options)
+    soft = np.where(np.arange(len(task.handles)) % 3, np.inf, 0.7)
+    bound = {"thickness": 1.0, "bending": 0.05, "stiffness": soft}
+    whole = solver_of(task, energy, **bound).solve(Aim(task.handles.target), **options)
     monkeypatch.setattr("sshade.solver.laplacian.CHUNK", 30)
-    solver, teams = solver_of(task, energy, thickness=1.0), []
+    solver, teams = solver_of(task, energy, **bound), []
     monkeypatch.setattr(module, "ThreadTeam", lambda count: teams.append(count) or ThreadTeam(count))
     parts = [solver.solve(Aim(task.handles.target), workers=workers, **options) for workers in (1, 2, 3)]
     assert teams == [1, 2, 3]

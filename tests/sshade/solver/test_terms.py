@@ -199,9 +199,9 @@ def test_a_rigid_motion_keeps_the_energy_of_terms_that_say_so(case):
 
 
 def test_two_solves_of_one_term_share_no_state(case):
+    before = evaluated(case, case.P, case.R)
     other = SimpleNamespace(**vars(case) | {"term": case.bound.begun(on(case.kind, {}))})
     other.term.aim(Aim(TARGET + 1.0, fraction=np.full(len(INDEX), 0.5)))
-    before = evaluated(case, case.P, case.R)
     evaluated(other, 2.0 * case.P, case.R)
     after = evaluated(case, case.P, case.R)
     assert before.energy == after.energy and np.array_equal(before.B, after.B)
