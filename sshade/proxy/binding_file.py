@@ -70,7 +70,7 @@ def load_binding(
     arrays = read_npz(path, what=WHAT)
     with expecting(WHAT, path, errors=INCOMPLETE), naming(path):
         remedy = "remesh this one, or pass the --weld and --repair that `sshade remesh` got"
-        if arrays["vertices"] != mesh.n or arrays["samples"].max() >= mesh.n:
+        if arrays["vertices"] != mesh.n:
             vertices = arrays["vertices"]
             raise InputError(
                 f"the map is of a mesh with {vertices} vertices, this one has {mesh.n}; {remedy}"
