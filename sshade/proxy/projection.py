@@ -19,6 +19,8 @@ from sshade.proxy.sample import Sampling
 
 #: Difference, as a fraction of the largest coordinate, below which two triangles are equally near.
 TIE = 1e-14
+#: Squared sine of the angle at a corner below which a triangle has no inside: its normal is rounding.
+NEEDLE = 1e-16
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,9 +120,9 @@ def _closest_in_triangle(x, a, b, c):
         normal = _cross(ab, ac)
         squared = _dot(normal, normal)
         v, w = _dot(normal, _cross(ax, ac)), _dot(normal, _cross(ab, ax))
-        if v >= 0.0 and w >= 0.0 and v + w <= squared and squared > 0.0:
+        if v >= 0.0 and w >= 0.0 and v + w <= squared and squared > NEEDLE * _dot(ab, ab) * _dot(ac, ac):
             v, w = v / squared, w / squared
-        else:  # a triangle without area has no inside: take the nearest point of its edges
+        else:  # take the nearest point of the edges
             on_ab, on_ac = _fraction(d1, d1 - d3), _fraction(d2, d2 - d6)
             on_bc = _fraction(d4 - d3, (d4 - d3) + (d5 - d6))
             least = np.inf
