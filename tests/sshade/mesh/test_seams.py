@@ -13,7 +13,7 @@ from sshade import DeformationTask, Handles, Mesh, deform
 from sshade.files.meshes import read_file
 from sshade.files.open_shape import open_shape
 from sshade.mesh import places
-from sshade.mesh.places import same_places, same_rows
+from sshade.mesh.places import same_places
 from sshade.mesh.surface import single_steps, surface
 from tests.shapes import beside, icosphere, jittered, quads, shifted, strip, unjoined
 from tests.sshade.mesh.test_cutting import moebius
@@ -75,20 +75,13 @@ def test_near_places_are_one_but_neither_chains_nor_crowds():
         assert len(np.unique(same_places(points, tolerance))) == len(points)
 
 
-def test_equal_rows_have_equal_ids():
-    rng = np.random.default_rng(0)
-    rows = rng.integers(-1, 2, (300, 4)) * -0.0 + rng.integers(0, 3, (300, 4))
-    ids = same_rows(rows)
-    assert np.array_equal(ids[:, None] == ids, (rows[:, None] == rows).all(axis=2))
-    assert set(ids) == set(range(ids.max() + 1))
-
-
-@pytest.mark.parametrize("mesh", [SPHERE, moebius(20)])
-def test_a_soup_whose_triangles_disagree_about_their_direction_becomes_whole(mesh):
-    parts, turned = unjoined(mesh), np.random.default_rng(0).random(mesh.m) < 0.3
-    joined, vertex, _ = surface(parts.V, np.where(turned[:, None], parts.F[:, ::-1], parts.F))
-    assert joined.n == mesh.n and joined.topology == mesh.topology
-    assert np.array_equal(joined.V[vertex], parts.V)
+@pytest.mark.parametrize("mesh", [SPHERE, moebius(20), strip(9, 7)])
+def test_parts_whose_triangles_disagree_about_their_direction_become_whole(mesh):
+    turned = np.random.default_rng(0).random(mesh.m) < 0.3
+    for parts in (unjoined(mesh), split(mesh, turned)):
+        joined, vertex, _ = surface(parts.V, np.where(turned[:, None], parts.F[:, ::-1], parts.F))
+        assert joined.n == mesh.n and joined.topology == mesh.topology
+        assert np.array_equal(joined.V[vertex], parts.V)
 
 
 def test_sheets_upon_each_other_stay_two_unless_repaired():
