@@ -21,6 +21,7 @@ from sshade.core.threads import ThreadTeam
 from sshade.files.meshes import read_mesh, write_mesh
 from sshade.files.task_files import write_handles
 from sshade.mesh.adjacency import vertex_graph
+from sshade.mesh.boxes import opposite_vertices
 from sshade.problem.options import Options as Options
 from sshade.problem.options import Stop as Stop
 from sshade.proxy.along import moved_with_distance as moved_with_distance
@@ -197,32 +198,32 @@ def memory_of_fine() -> Values:
 
 @outcomes
 def teams() -> Values:
-    """The threads that share the work of each function on a machine with three CPUs."""
+    """The threads that share the work of each function on a machine with three CPUs, and its parts."""
     found, share = set[str](), ThreadTeam.__call__
 
-    def note(workers: int, of: str = "") -> None:
+    def note(words: str) -> None:
         at = sys._getframe(2)
         while at.f_code.co_filename == threads.__file__:
             at = at.f_back
-        found.add(f"{at.f_globals['__name__']}.{at.f_code.co_qualname}{of} {workers}")
+        found.add(f"{at.f_globals['__name__']}.{at.f_code.co_qualname} {words}")
 
     def noted(self: ThreadTeam, chunk: Any, count: int) -> list[Any]:
-        note(min(self.workers, count))
+        note(f"{min(self.workers, count)} for {count}")
         return share(self, chunk, count)
 
     class Tree(cKDTree):
         def query(self, *points: Any, workers: int = 1, **more: Any) -> Any:
-            note(workers, " by a tree")
+            note(f"by a tree {workers}")
             return super().query(*points, workers=workers, **more)
 
     task = patches(bumpy(5), 40)
     write_mesh("large.ply", task.mesh.V, task.mesh.F)
     write_handles("handles.json", task.handles)
     half = np.arange(0, task.mesh.n, 2)
-    bind = partial(Deformer, task.mesh, task.handles.index, vertices=1500)
+    bind = partial(Deformer, task.mesh, task.handles.index, vertices=1400)
     calls = {
         method: partial(
-            deform, replace(task, mesh=read_mesh("large.ply")), vertices=1500, max_iterations=2, method=method
+            deform, replace(task, mesh=read_mesh("large.ply")), vertices=1400, max_iterations=2, method=method
         )
         for method in ("fast", "paper", "fine")
     } | {
@@ -230,6 +231,7 @@ def teams() -> Values:
             main, ["deform", "large.ply", "handles.json", "-o", "out.ply", "--with", "large.ply"]
         ),
         "drag": lambda: bind().step(task.handles.target),
+        "search": partial(opposite_vertices, task.mesh),
         "interpolate": partial(deform, task.mesh, half, bent(task.mesh.V, 0.5)[half], method="interpolate"),
     }
     with (
@@ -238,7 +240,7 @@ def teams() -> Values:
         ExitStack() as stack,
     ):
         for name in SHARED_FROM:
-            stack.enter_context(mock.patch(f"sshade.{name}", 500))
+            stack.enter_context(mock.patch(f"sshade.{name}", 300 if name.endswith("ROWS") else 500))
         for name in ("interpolation.splines", "mesh.quality", "proxy.along"):
             stack.enter_context(mock.patch(f"sshade.{name}.cKDTree", Tree))
         for label, call in calls.items():
