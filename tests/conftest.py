@@ -3,6 +3,7 @@
 import gc
 import logging
 import os
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -56,6 +57,8 @@ def pytest_runtest_call() -> Iterator[None]:
     """Fail a test that compiles a kernel outside the list, because users would wait for its compilation.
 
     Log handlers that the test leaves are removed: Hydra's write to a stream that is closed after the test.
+    Threads in which sessions of the editor prepare come to their end: their memory would count in the next
+    test.
     """
     unlisted, handlers, level = [], logging.root.handlers[:], logging.root.level
 
@@ -76,6 +79,9 @@ def pytest_runtest_call() -> Iterator[None]:
     finally:
         logging.root.handlers[:] = handlers
         logging.root.setLevel(level)
+        for thread in threading.enumerate():
+            if thread.name.endswith("(prepare)"):
+                thread.join(30)
     assert not unlisted, "`python -m tools.compile_kernels --update` adds these to tools/kernels.txt"
 
 
