@@ -99,12 +99,14 @@ def test_each_failure_has_a_sentence_with_the_last_words(run, text, words):
 
 
 def test_only_the_end_of_what_a_program_says_is_read_and_repeated(run):
-    tracemalloc.start()
-    with pytest.raises(ProgramFailed) as failed:
-        run("head -c 4000000 /dev/zero | tr '\\0' x >&2; exit 1")
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    assert peak < 2e6 and len(str(failed.value)) < 400
+    peaks = []
+    for _ in range(2):  # what a process allocates once counts in one of them alone
+        tracemalloc.start()
+        with pytest.raises(ProgramFailed) as failed:
+            run("head -c 4000000 /dev/zero | tr '\\0' x >&2; exit 1")
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert min(peaks) < 2e6 and len(str(failed.value)) < 400
 
 
 def test_soft_handles_need_json(run, task):
